@@ -574,7 +574,7 @@ def export_controller(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the C files; created if missing.")],
     memory: Annotated[
         int | None,
-        typer.Option(metavar="BYTES", help="Largest size of the C struct; default of a mirror: 64000."),
+        typer.Option(metavar="BYTES", help="Largest size of the C struct; default of a mirror: 96000."),
     ] = None,
 ) -> None:
     """Write a problem's controller as C: source, header, and a recorded run for comparison; print how to build it."""

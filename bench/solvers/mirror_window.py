@@ -40,7 +40,8 @@ class MirrorWindow:
 
     Parameters
     ----------
-    bounds : of the arm that leads the hand; its `dt` is the time h from knot to knot [s]. Its planes are not stated.
+    bounds : of the arm that leads the hand; its planes are not stated.
+    linear_speed, deviation : [m/s, m] of the hand, and from its reference. dt : [s] h, from knot to knot.
     knots : K.
     turn_length : [m/rad] L, as in `MirrorTracker`.
 
@@ -49,12 +50,16 @@ class MirrorWindow:
     ConfigurationError : an argument that cannot be used.
     """
 
-    def __init__(self, bounds: HandBounds, *, knots: int, turn_length: float = 0.1) -> None:
+    def __init__(
+        self, bounds: HandBounds, *, linear_speed: float, deviation: float, dt: float, knots: int,
+        turn_length: float = 0.1,
+    ) -> None:  # fmt: skip
         if not isinstance(knots, int) or not 1 <= knots <= MAX_KNOTS:
             raise ConfigurationError("knots", knots, f"an integer from 1 to {MAX_KNOTS}")
         if bounds.planes:
             raise ConfigurationError("bounds", len(bounds.planes), "no planes")
         self.bounds, self.knots = bounds, knots
+        self.linear_speed, self.deviation, self.dt = linear_speed, deviation, dt
         self.turn_length = checked_number("turn_length", turn_length, above=0.0)
 
     @cached_property
@@ -73,14 +78,14 @@ class MirrorWindow:
         cost, rows, fractions = ca.SX(0), [], []
         last, last_but_one, last_hand = here, before, pose(here)[:3, 3]
         least = ca.fmin(bounds.floor, measure(here))
-        away = ca.fmax(bounds.deviation, ca.norm_2(last_hand - wanted[0][:3, 3]))
-        reach = bounds.linear_speed * bounds.dt
+        away = ca.fmax(self.deviation, ca.norm_2(last_hand - wanted[0][:3, 3]))
+        reach = self.linear_speed * self.dt
         for q, target in zip(steps, wanted, strict=True):
             tool, fraction, step = pose(q), measure(q), q - last
             error, turn = tool[:3, 3] - target[:3, 3], tool[:3, :3] - target[:3, :3]
             change, moved = step - (last - last_but_one), tool[:3, 3] - last_hand
             cost += ca.sumsqr(error) / 2 + self.turn_length**2 * ca.sumsqr(turn) / 4 + STEADYING * ca.sumsqr(change) / 2
-            speed, hurry = chain.velocity * bounds.dt, np.minimum(chain.acceleration * bounds.dt**2, 1e3)
+            speed, hurry = chain.velocity * self.dt, np.minimum(chain.acceleration * self.dt**2, 1e3)
             rows += [
                 within(step, -speed, speed),
                 within(change, -hurry, hurry),

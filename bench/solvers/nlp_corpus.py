@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -118,15 +117,15 @@ def mirror_window(name: str, *, task: str, standing: bool, about: str) -> NLPIns
     tracker = MirrorTracker(ur5(), floor=FLOOR, dt=PLAN_DT, compile=False)
     samples = mirrored_motion(task, PLAN_DT)
     path, stride = tracker.plan(samples.poses, samples.twists, motions().START), round(SPACING / PLAN_DT)
-    bounds = replace(tracker.hand_bounds, dt=SPACING)
-    window = MirrorWindow(bounds, knots=KNOTS)
+    bounds, speed, deviation = tracker.hand_bounds, tracker.linear_speed, tracker.max_deviation
+    window = MirrorWindow(bounds, linear_speed=speed, deviation=deviation, dt=SPACING, knots=KNOTS)
     parameters, starts = [], []
     for first in range(stride, len(path.q) - KNOTS * stride, EVERY * stride):
         later = first + stride * np.arange(1, KNOTS + 1)
         here = path.q[first]
         parameters.append(window.parameters_of(here, path.q[first - stride], path.references[later]))
         starts.append(window.standing(here) if standing else path.q[later].reshape(-1))
-    values = (bounds.floor, bounds.max_manipulability, bounds.linear_speed, bounds.deviation, SPACING, KNOTS)
+    values = (bounds.floor, bounds.max_manipulability, speed, deviation, SPACING, KNOTS)
     arguments = dict(zip(WINDOW_KEYS, values, strict=True))
     return _instances(name, WINDOW, arguments, np.array(parameters), np.array(starts), about=about)
 

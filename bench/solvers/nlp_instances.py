@@ -48,9 +48,10 @@ def _arm_of(arguments: Mapping[str, Any]) -> Any:
 
 def _window(arguments: Mapping[str, Any]) -> MirrorWindow:
     floor, largest, linear_speed, deviation, spacing = (float(arguments[key]) for key in WINDOW_KEYS[:-1])
-    # Rates at which a tick's tangents approach a bound: a programme has none.
-    bounds = HandBounds(ur5(), floor, largest, linear_speed, deviation, (), rate=1.0, dt=spacing, recovery_speed=0.1)
-    return MirrorWindow(bounds, knots=arguments[WINDOW_KEYS[-1]])
+    return MirrorWindow(
+        HandBounds(ur5(), floor, largest), linear_speed=linear_speed, deviation=deviation, dt=spacing,
+        knots=arguments[WINDOW_KEYS[-1]],
+    )  # fmt: skip
 
 
 def _ik(arguments: Mapping[str, Any]) -> IKStatements:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.clearance import Clearance, checked_clearance
 from rehab_opt.control.clearance_pairs import ClearancePairs, least
-from rehab_opt.control.stopping import OUTSIDE, VelocityBounds, nearest_to_rest
+from rehab_opt.control.stopping import OUTSIDE, VelocityBounds
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MovingCapsule, moving_numbers
@@ -23,8 +22,8 @@ __all__ = ["Limit", "PostureLimits", "all_limits", "checked_limits"]
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-13
-"""[rad, m] of a joint, by which rounding may take a distance further below zero."""
+ROUNDING = 1e-12
+"""In a distance's unit, by which rounding may take it further below zero."""
 PARTS = (0.75, 0.5, 0.25)
 """Of the way from braking to the QP's answer, and of braking itself, that are tried where those lead beyond a limit."""
 NEAR = 1e-13
@@ -51,13 +50,11 @@ class Limit:
 
     h(q) >= 0, met as the barrier  grad h . q' >= -rate h;  `Relaxed.POSITION` says that h(q) is below zero
 
-    A `MirrorTracker`, whose accelerations do not yield to it, meets it faster where braking of all joints alike does.
-
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
         are small; three of several make rows of the QP, those with the least room at the rate, all are judged at the
-        end of the tick. Where they, or their slopes, are no numbers, the robot stops at once.
+        end of the tick. Where they, or near zero their slopes, are no numbers, the robot stops at once.
     rate : [1/s] at which a distance may decay; by default 1/T, T the longest of the joints' speeds over their
         accelerations, so that all joints can brake together before it.
     """
@@ -68,6 +65,10 @@ class Limit:
     def at(self, chain: SerialChain, q: ca.SX) -> ca.SX:
         """(k,) the distances at q (n,)."""
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
+
+    def slopes(self, chain: SerialChain, q: ca.SX) -> ca.SX:
+        """(k, n) how they change with q (n,)."""
+        return ca.jacobian(self.at(chain, q), q)
 
     def count(self, chain: SerialChain) -> int:
         """How many of the distances make a row of the QP."""
@@ -80,7 +81,7 @@ class Limit:
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
-        rows = ca.horzcat(each + (then - each) * ways, each, then, ca.jacobian(each, symbol))
+        rows = ca.horzcat(each + (then - each) * ways, each, then, self.slopes(chain, symbol))
         found = ca.Function("nearest", [symbol, ahead], [smallest_rows(rows, ROWS)])(q, q + way)
         least, then, slopes = found[:, 1], found[:, 2], found[:, 3:]
         return least, slopes, ca.fmax(least + slopes @ way - then, 0)
@@ -159,7 +160,6 @@ class PostureLimits:
     limits : what `checked_limits` gives. chain : the arm. dt : tick [s].
     clearance : its pairs, where there is a `Clearance`: each of its contacts makes a row, behind those of the limits.
     recovery_speed : fraction of the joints' speeds at which the arm is led back to where a limit is kept.
-    fastest_rate : [1/s] a rate of None is no more than this.
     """
 
     def __init__(
@@ -170,7 +170,6 @@ class PostureLimits:
         clearance: ClearancePairs | None = None,
         *,
         recovery_speed: float = 1.0,
-        fastest_rate: float = math.inf,
     ) -> None:
         self.limits, self.chain, self.dt, self.clearance = tuple(limits), chain, dt, clearance
         self.moving = 0 if clearance is None else clearance.clearance.moving
@@ -180,8 +179,7 @@ class PostureLimits:
         rates = [each.rate for each in self.limits for _ in range(each.count(chain))]
         self._own = len(rates)
         rates += [] if clearance is None else [clearance.clearance.rate] * clearance.max_contacts
-        usual = min(1 / together, fastest_rate)
-        fractions = {rate: (1 - np.exp(-(usual if rate is None else rate) * dt)) / dt for rate in rates}
+        fractions = {rate: (1 - np.exp(-(1 / together if rate is None else rate) * dt)) / dt for rate in rates}
         self._fractions = ca.DM([fractions[rate] for rate in rates])
         self._ways = [1 / (fractions[each.rate] * dt) for each in self.limits]
         """Ticks in which what falls at its rate is gone: what falls faster has its row before it is among the least."""
@@ -218,52 +216,6 @@ class PostureLimits:
     def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX, *, ticks: int = 1) -> ca.MX:
         """Nearest contacts as one column, of positions and last velocity (n,), moving capsules; in half those ticks."""
         return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, ticks * self.dt)
-
-    def rows(
-        self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX
-    ) -> tuple[ca.SX, ca.SX, VelocityBounds]:
-        """R (m, n), r (m,) of R q' <= r, and the intervals, opened where acceleration has to yield.
-
-        A velocity always keeps them all: looked for between the intervals' ends, and where none of those keeps a
-        distance above zero, beyond them.
-        """
-        rest = nearest_to_rest(bounds._replace(brake_lower=bounds.lower, brake_upper=bounds.upper))
-        slopes, free, _ = now = self._now(q, last, contacts)
-        kept = kept_within(now, rest, (bounds.lower, bounds.upper), bounds.hard)
-        opened = bounds._replace(
-            lower=ca.fmin(bounds.lower, kept),
-            upper=ca.fmax(bounds.upper, kept),
-            outside=ca.logic_or(bounds.outside, self.inside(contacts)),
-        )
-        return -slopes, ca.fmax(free, -slopes @ kept), opened
-
-    def falls(self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, margins: ca.DM, ticks: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, and how fast they may fall (m,): below zero where they have to rise.
-
-        What is beyond a limit is taken for at it: it goes no further, and is not led back. Before each own limit its
-        margin is left. The tangents are to hold for so many `ticks`.
-        """
-        parts, own = [(ca.SX(0, self.chain.n), ca.SX(0, 1))], slice(self._own)
-        if self.limits:
-            slopes, least, spent = self._tangents(q, last, [0] * len(self.limits), ticks)
-            parts.append((slopes, self._fractions[own] * ca.fmax(least - margins, 0) - spent))
-        if self.clearance is not None:
-            distances, slopes, changes = self.clearance.read(contacts)
-            parts.append(self._between_bodies(last, distances, slopes, changes)[:2])
-        slopes, falls = (ca.vertcat(*column) for column in zip(*parts, strict=True))
-        return slopes, falls
-
-    def slower(self, q: ca.SX, last: ca.SX, bounds: VelocityBounds, contacts: ca.SX, rest: ca.SX) -> ca.SX:
-        """(n,) `rest`, the velocity to brake by, but for joints that hold theirs longer where a limit wants it.
-
-        From what comes nearer by itself it does not go away, and from within a limit it is not led back: who brakes is
-        not enabled. Where every joint can, it stops.
-        """
-        held = clipped(last, bounds.brake_lower, bounds.brake_upper)
-        slopes, free, hard = self._now(q, last, contacts, leads_back=False)
-        now = (slopes, free, ca.fmax(hard, 0))
-        slower = kept_within(now, rest, (ca.fmin(rest, held), ca.fmax(rest, held)), bounds.hard)
-        return ca.if_else(all_true(rest == 0), 0, slower)
 
     def beside(
         self,
@@ -435,8 +387,7 @@ class PostureLimits:
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
-            slope = ca.norm_2(each.nearest(self.chain, q, ca.SX.zeros(self.chain.n), 0)[1][0, :])
-            conditions.append(then >= ca.fmin(now, 0) - ROUNDING * slope)
+            conditions.append(then >= ca.fmin(now, 0) - ROUNDING)
         return all_true(*conditions)
 
     def beyond(self, q: ca.SX) -> ca.SX:
@@ -447,20 +398,19 @@ class PostureLimits:
         """1 where two bodies are nearer than their margin."""
         return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
-    def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX, *, leads_back: bool = True) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).
 
-        What is beyond a limit has to rise, or is taken for at it where nothing `leads_back`.
+        What is beyond a limit has to rise.
         """
-        lowest = -ca.inf if leads_back else 0.0
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
             slopes, least, spent = self._tangents(q, last, self._ways)
-            free = self._fractions[: self._own] * ca.fmax(least, lowest) - spent
+            free = self._fractions[: self._own] * least - spent
             parts.append((slopes, free, ca.fmax(least, 0) / self.dt))
         if self.clearance is not None:
             distances, slopes, changes = self.clearance.read(contacts)
-            parts.append(self._between_bodies(last, ca.fmax(distances, lowest), slopes, changes))
+            parts.append(self._between_bodies(last, distances, slopes, changes))
         slopes, free, hard = (ca.vertcat(*column) for column in zip(*parts, strict=True))
         return slopes, free, hard
 
@@ -475,15 +425,13 @@ class PostureLimits:
         free = ca.fmax(self._fractions[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
-    def _tangents(
-        self, q: ca.SX, last: ca.SX, ways: Sequence[float], ticks: ca.SX | float = 1.0
-    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, these (m,), and by how much their fall exceeds the tangents' (m,).
 
-        That is what the last velocity would lose against them in so many ticks, and a margin for what a change of it
-        may lose; what lacks of that is regained in these ticks: an arm at a limit is free to begin to move along it.
+        That is what the last velocity would lose against them in a tick, and a margin for what a change of it may lose;
+        what lacks of that is regained in a tick: an arm at a limit is free to begin to move along it.
         """
-        seconds = ticks * self.dt
+        seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
         least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
         way, begun = seconds * ca.sum1(ca.fabs(last)), seconds * self._begun

@@ -16,7 +16,7 @@ from rehab_opt.control.manoeuvre import Manoeuvre, further
 from rehab_opt.control.stopping import OUTSIDE
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.room import MOVING
-from rehab_opt.optim.qrqp import qrqp
+from rehab_opt.optim.certificate import all_true
 from rehab_opt.optim.rows import MAX_MAGNITUDE
 from rehab_opt.symbolic.tick import Stages
 
@@ -32,19 +32,19 @@ __all__ = [
     "State",
     "UserLimits",
     "Way",
-    "largest_part",
-    "within_rows",
 ]
 
 ROUNDING = 1e-10
-PLACES = (0.0, 0.5, 1.0)
+PLACES = (0.0, 1.0)
 """Of the way to rest, where a limit of the posture has its rows."""
 BRAKED = (0.0, 0.25, 0.5, 0.75)
 """Fractions of the way to rest at which hand speeds are checked."""
-CLEAR, BEND = 5e-5, 10.0
+CLEAR, BEND = 5e-5, 30.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
-PUSH, LEAVING = 0.3, 10.0
-"""Fraction of a missing margin that is regained per tick; weight of regaining it [m^2/s^2]."""
+FLAT, ASIDE = 2e-3, 0.1
+"""[1/rad] Slope that shows no way back from below zero; [rad or m] distance at which another slope is taken then."""
+PUSH = 0.3
+"""Fraction of a missing margin that is regained per tick."""
 
 
 class State(NamedTuple):
@@ -191,9 +191,10 @@ class UserLimits:
         self.rates = [each.rate for each in self._limits for _ in range(each.count(chain))]
         q, way, tables = ca.SX.sym("q", chain.n), ca.SX.sym("way", chain.n), []
         for each in self._limits:
-            h, seconds = each.at(chain, q), 0.0 if each.rate is None else 1 / each.rate
-            ahead = h + seconds * ca.jtimes(h, q, way)  # what falls at its rate is among the least
-            table = smallest_rows(ca.horzcat(ahead, h, ca.jacobian(h, q)), each.count(chain))
+            h, slopes = each.at(chain, q), each.slopes(chain, q)
+            seconds = 0.0 if each.rate is None else 1 / each.rate
+            ahead = h + seconds * (slopes @ way)  # what falls at its rate is among the least
+            table = smallest_rows(ca.horzcat(ahead, h, slopes), each.count(chain))
             tables.append(table[:, 1:])
         self._tangents = ca.Function("tangents", [q, way], [ca.vertcat(*tables)])
 
@@ -272,22 +273,55 @@ class Kept(Bound):
         there = place(way.state.q, way.u, part * way.ticks)
         return ca.vertcat(*(each.tangents(tick, there, seconds, way.state) for each in self._kinds))
 
+    def far(self, tick: Stages, way: Way) -> ca.SX:
+        """Whether a command leads nowhere near any of them, so that their rows are not needed."""
+        if any(rate is not None for each in self._kinds for rate in each.rates):
+            return ca.SX(0)
+        lever = self._manoeuvre.dt * (1 + way.ticks)
+        return all_true(self.excess(tick, way) <= -self._margin(lever))
+
+    def _margin(self, lever: ca.SX) -> ca.SX:
+        """[rad] What rows keep before a limit, in joint motion."""
+        dt = self._manoeuvre.dt
+        return CLEAR + (dt**2 + BEND * (lever - dt) ** 2) * ca.sumsqr(self._manoeuvre.change)
+
+    def no_rows(self) -> Rows:
+        """Such as are always kept."""
+        m, n = len(PLACES) * self._decays.numel(), self._chain.n
+        none = ca.SX.zeros(m)
+        return Rows(ca.SX.zeros(m, n), none, ca.SX.ones(m), none, ca.SX.ones(m))
+
     def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
         """About the command `brake` (n,), which keeps them, of commands from `least` to `most` (n,)."""
         one, ticks, found = self._manoeuvre, self._manoeuvre.ticks(state.last), []
-        for part in PLACES:
+        braking = Way(state, brake, further(ca.fmax(ticks - 1, 0)))
+        tables = [self._tangents(tick, braking, part) for part in PLACES]
+        tables[0] = tick.once(tables[0])
+        flat = ca.logic_and(tables[0][:, 0] < -OUTSIDE, ca.sum2(tables[0][:, 1:] ** 2) < FLAT**2)
+
+        def beside() -> ca.SX:
+            way = braking._replace(state=state._replace(q=state.q + self._aside(state.q)))
+            slopes = [self._tangents(tick, way, part)[:, 1:] for part in PLACES]
+            return ca.vertcat(*(ca.horzcat(table[:, 0], each) for table, each in zip(tables, slopes, strict=True)))
+
+        every = tick.when(ca.sum1(flat) > 0, beside, ca.vertcat(*tables))
+        for part, table in zip(PLACES, ca.vertsplit(every, tables[0].size1()), strict=True):
             lever = one.dt * (1 + part * further(ticks + 1))
-            table = self._tangents(tick, Way(state, brake, further(ca.fmax(ticks - 1, 0))), part)
             h, slopes = table[:, 0], table[:, 1:]
-            way = one.dt**2 + BEND * (lever - one.dt) ** 2
-            margin = (CLEAR + way * ca.sumsqr(one.change)) * ca.sqrt(ca.sum2(slopes**2))
+            margin = self._margin(lever) * ca.sqrt(ca.sum2(slopes**2))
             can = lever * (ca.fmax(slopes, 0) @ (most - brake) + ca.fmin(slopes, 0) @ (least - brake))
             away = ca.fmax(ca.fmin(PUSH * (margin - h), 0.5 * can), 0) / lever
+            away = ca.fmin(away, ca.fabs(slopes) @ one.back)
             upper = ca.fmax(h - margin, 0) / lever - slopes @ brake
             if part == 0:  # -dh/dt <= (1 - exp(-rate dt)) / dt h, or what braking needs
                 upper = ca.fmin(upper, ca.fmax(self._decays * (h - lever * slopes @ brake), -slopes @ brake))
             found.append(Rows(slopes, away, upper, h, lever * ca.SX.ones(h.numel())))
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
+
+    def _aside(self, q: ca.SX) -> ca.SX:
+        """(n,) from q to a posture beside it, where what is below zero and has no slope at q shows a way up."""
+        size = ca.DM(np.linspace(0.5, 1, self._chain.n) * ASIDE)
+        return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
         """(m,) upper ends minus the tangents' error at the command u (n,); `brake` (n,) still satisfies them."""
@@ -301,26 +335,3 @@ def largest_part(a: ca.SX, b: ca.SX, most: float) -> ca.SX:
     """Largest fraction, at most 1, of b that can be added to a within the length `most`."""
     bb, ab, room = ca.fmax(ca.sumsqr(b), 1e-18), ca.dot(a, b), ca.fmax(most**2 - ca.sumsqr(a), 0)
     return ca.fmin((ca.sqrt(ab**2 + bb * room) - ab) / bb, 1)
-
-
-def within_rows(n: int, m: int) -> ca.Function:
-    """H, u (n,), slopes, away, upper (m,), least, most (n,) -> point nearest to u within rows and interval.
-
-    min |x - u|_H^2 + LEAVING (1 - s)^2  s.t. away s - slopes x <= upper, least <= x <= most, 0 <= s <= 1
-    """
-    shapes = {
-        "H": (n, n),
-        "u": (n, 1),
-        "slopes": (m, n),
-        "away": (m, 1),
-        "upper": (m, 1),
-        "least": (n, 1),
-        "most": (n, 1),
-    }
-    H, u, slopes, away, upper, least, most = given = [ca.MX.sym(name, *shape) for name, shape in shapes.items()]
-    found = qrqp("within_rows", n + 1, m)(
-        h=ca.densify(ca.diagcat(H, LEAVING)), g=ca.vertcat(-H @ u, -LEAVING), a=ca.horzcat(-slopes, away),
-        lba=-ca.inf * ca.DM.ones(m), uba=upper, lbx=ca.vertcat(least, 0), ubx=ca.vertcat(most, 1), x0=ca.vertcat(u, 0),
-    )["x"][:n]  # fmt: skip
-    found = ca.if_else(ca.sumsqr(found) < ca.inf, found, u)  # NaN is no answer
-    return ca.Function("within_rows", given, [ca.fmin(ca.fmax(found, least), most)])

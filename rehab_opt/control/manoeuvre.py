@@ -68,7 +68,7 @@ class Manoeuvre:
     def __init__(self, chain: SerialChain, dt: float, *, recovery_speed: float) -> None:
         self.dt, self.speed, self.change = dt, ca.DM(chain.velocity), max_change(chain, dt)
         self._low, self._high = ca.DM(np.maximum(chain.lower, -FAR)), ca.DM(np.minimum(chain.upper, FAR))
-        self._back = recovery_speed * self.speed
+        self.back = recovery_speed * self.speed
 
     def ticks(self, velocity: ca.SX) -> ca.SX:
         """N: ticks of braking from velocities (n,)."""
@@ -92,7 +92,7 @@ class Manoeuvre:
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))
         rooms = q - self._low, self._high - q
-        fast = [ca.if_else(other < -OUTSIDE, self._back, speed) for other in reversed(rooms)]
+        fast = [ca.if_else(other < -OUTSIDE, self.back, speed) for other in reversed(rooms)]
         hard = [clipped(room / dt, 0, most) for room, most in zip(rooms, fast, strict=True)]
         least, most = (clipped(last + sign * change, -hard[0], hard[1]) for sign in (-1, 1))
         hardest = [stopping_speed(room, change, dt) for room in rooms]
@@ -100,7 +100,7 @@ class Manoeuvre:
         sides = []
         for i, (sign, room) in enumerate(zip((-1, 1), rooms, strict=True)):
             # The way back from beyond a limit ends gently, too: a joint may have no range at all.
-            back = ca.fmax(clipped((room + OUTSIDE) / dt, -self._back, 0), -gentle[1 - i])
+            back = ca.fmax(clipped((room + OUTSIDE) / dt, -self.back, 0), -gentle[1 - i])
             stops, gently = hardest[i] + back, gentle[i] + back
             aimed = ca.fmin(ca.fmin(gently, ca.fmax(room, 0) / seconds), speed)
             sides.append((clipped(sign * stops, least, most), clipped(sign * gently, least, most), sign * aimed))

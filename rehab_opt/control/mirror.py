@@ -22,7 +22,7 @@ from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
 from rehab_opt.control.judged_state import GIVEN
-from rehab_opt.control.limit import Limit, all_limits
+from rehab_opt.control.limit import Limit
 from rehab_opt.control.manipulability import maximise_manipulability
 from rehab_opt.control.mirror_following import BRIDGE, RATE, THEN
 from rehab_opt.control.mirror_pace import FOLLOWED, REMEMBERED, MirrorPace
@@ -57,42 +57,31 @@ _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that is led along a mirrored path, kept out of singular postures.
 
-    `ScaledTask`'s QP with the rows of `HandBounds`: w(q) + grad w . q' dt stays above the floor as a discrete barrier,
-    the hand near the reference and out of what it must not enter. Then the true state at the end of the tick is
-    computed, and the step shortened where the tangents promised too much: w(q + q' dt) / w_max >= min(floor, w / w_max)
-    holds in every tick, also while braking. Where the acceleration bound is in the way of it, it yields, is flagged and
-    counted. That happens to an arm that was put or pushed somewhere: ticks end where it can brake (`HandBounds`).
+    `PoseTracker`'s tick on a reference that is read by a clock, with w(q) / w_max >= floor and the planes among its
+    limits: they are kept in every tick and by the braking behind it.
 
-    The reference is read by a clock. It slows down where the reference is faster than the hand may be, where the
-    deviation grows and where the person pushes, waits at the largest deviation, and catches up afterwards; what was
-    slowed is late, not cut. What arrives with a safe command (a fault, a push at the limit) is not taken: that stretch
-    is lost, and counts in `lag` until the clock has passed it. A stretch that the arm cannot do is followed as near as
-    the hand comes from where it is: once it stands short of the reference, or the clock has waited for a second longer
-    than it went on, deviations count from there on (`short`), and the clock goes on. Jumps of the reference are
-    bridged, at half the hand speeds; the first bridge starts at the hand. A live tracker's samples go through a
-    `Conditioner` first: to this a lone outlier is a jump there and back. Joints that do not follow are seen as by
-    `PoseTracker`. An object belongs to one thread: see `OneThread`.
+    The clock slows down where the reference is faster than the hand may be, where the deviation grows and where the
+    person pushes, waits at the largest deviation, and catches up afterwards; what was slowed is late, not cut. What
+    arrives with a safe command (a fault, a push at the limit) is not taken: that stretch is lost, and counts in `lag`
+    until the clock has passed it. A stretch that the arm cannot do is followed as near as the hand comes from where it
+    is: once it stands short of the reference, or the clock has waited for a second longer than it went on, deviations
+    count from there on (`short`), and the clock goes on. Jumps of the reference are bridged, at half the hand speeds;
+    the first bridge starts at the hand. A live tracker's samples go through a `Conditioner` first: to this a lone
+    outlier is a jump there and back.
 
     Parameters
     ----------
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
         chain.
-    max_deviation : [m] of the tool from the reference that the clock stands at, cut to what it can do (`short`).
-        An arm that can but brake has none to keep.
-    max_turn : [rad] of the tool from it, cut in the same way, that the clock stands at; no row of the QP.
-    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds; the linear one is a bound on the tool's origin that
-        holds at every instant of every tick, the other one slows what is wanted.
+    max_deviation : [m] of the tool from the reference that the clock waits for.
+    max_turn : [rad] of the tool from it, likewise.
+    linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule
         (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
-        is known of the links between those origins. What starts beyond a plane goes no deeper, and
-        `Relaxed.POSITION` says so; what no joint moves, the led hand and what is mounted on the flange are not guarded,
-        unless a capsule stands for them.
-    limits : what else the posture has to keep: see `Limit`, whose rate of None is `rate` here, and `Clearance`. Where
-        four distances of one limit, or four points of the arm and one plane, are met at once, the hand may stand short
-        of the nearest pose: three of them make rows, and the step is shortened before the fourth. To a body that
-        moves the arm gives way within the floor, the largest deviation and the hand speed, too; what is left of it
-        comes nearer by its own motion.
+        is known of the links between those origins. What no joint moves, the led hand and what is mounted on the flange
+        are not guarded, unless a capsule stands for them.
+    limits : what else the posture has to keep, each a `Limit` or a `Clearance`.
     person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
         (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
     person_start : (m,) [rad] posture of that arm from which its model finds to the first pose; the model is local, so
@@ -100,10 +89,8 @@ class MirrorTracker(MirrorPreview):
     interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
     catch_up : share by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
-    rate : [1/s] at which the distance to a bound may decay.
     max_manipulability : w_max where it is known; searched for by default, which takes half a second.
-    gain : as for `PoseTracker`, but at most 0.4 / dt.
-    posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
+    gain, posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
         compile : as for `PoseTracker`.
 
     Raises
@@ -136,7 +123,6 @@ class MirrorTracker(MirrorPreview):
         interaction: Interaction | None = None,
         catch_up: float = 0.5,
         turn_length: float = 0.1,
-        rate: float = 20.0,
         max_manipulability: float | None = None,
         dt: float = 0.001,
         recovery_speed: float = 0.1,
@@ -150,10 +136,7 @@ class MirrorTracker(MirrorPreview):
                 raise ConfigurationError(name, options[name], expected)
         if interaction is not None and not isinstance(interaction, Interaction):
             raise ConfigurationError("interaction", interaction, "an Interaction")
-        checked_number("dt", dt, above=0.0, below=1.0)
-        limited = chain.with_limits(
-            **{name: options.get(name) for name in ("lower", "upper", "velocity", "acceleration")}
-        )
+        limited = chain.with_limits(**{name: options.get(name) for name in ("lower", "upper")})
         if not all(isinstance(plane, KeepOut) for plane in keep_out):
             raise ConfigurationError("keep_out", keep_out, "planes made by KeepOut.through")
         self.floor = checked_number("floor", floor, above=0.0, below=1.0)
@@ -167,16 +150,13 @@ class MirrorTracker(MirrorPreview):
             if max_manipulability is None
             else checked_number("max_manipulability", max_manipulability, above=0.0)
         )
-        own = all_limits(limits, limited, dt, checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0))
-        self.hand_bounds = HandBounds(
-            limited, self.floor, self.max_manipulability, checked_number("linear_speed", linear_speed, above=0.0),
-            self.max_deviation, tuple(keep_out), checked_number("rate", rate, above=0.0), dt, recovery_speed,
-            own.limits, own.clearance,
-        )  # fmt: skip
+        self.hand_bounds = HandBounds(limited, self.floor, self.max_manipulability, tuple(keep_out))
+        if not isinstance(limits, (list, tuple)):
+            raise ConfigurationError("limits", limits, "a list or tuple, each a Limit or a Clearance")
         super().__init__(
             chain, linear_speed=linear_speed, angular_speed=angular_speed, dt=dt, recovery_speed=recovery_speed,
-            task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], limits=self.hand_bounds.distances, compile=compile,
-            **options,
+            task_weights=[1.0, 1.0, 1.0, *(turn_length**2,) * 3], limits=[*self.hand_bounds.limits, *limits],
+            compile=compile, **options,
         )  # fmt: skip
         self._limit = None
         if person is not None:
@@ -208,14 +188,14 @@ class MirrorTracker(MirrorPreview):
         self._notice = shared(parts.notice, given, compile)
         self._deliver = shared(parts.deliver, verdict, compile)
         self._brake = shared(parts.brake, verdict, False)
-        self._tried, self._aimed, self._concluded = (BufferedFunction(each, compile=compile) for each in parts[1:4])
+        self._tried, self._concluded = (BufferedFunction(each, compile=compile) for each in parts[1:3])
         self.clock = ReferenceClock(
             dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
         )
         """Where the reference is read."""
         self._reading = BufferedFunction(self.pace.followed_function())
         self.counts: Counter[str] = Counter()
-        """How many ticks relaxed acceleration, were shortened, waited, braked, and how often the hand was cut short."""
+        """How many ticks relaxed acceleration, were slowed, waited, braked, and how often the hand was cut short."""
         self._begin()
 
     # ------------------------------------------------------------------------------------------------ the user's
@@ -255,7 +235,7 @@ class MirrorTracker(MirrorPreview):
     def short(self) -> tuple[float, float]:
         """[m, rad] by which the person's arm and the robot, from where they stand, stay short of the reference.
 
-        Deviations count from there on: the hand is at most `max_deviation` and this away from the reference.
+        Deviations count from there on.
         """
         return (0.0, 0.0) if self._live else self._short_by
 
@@ -283,8 +263,7 @@ class MirrorTracker(MirrorPreview):
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
         Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
-        reason; the clock waits meanwhile. A step that is shortened to nothing is `BLOCKED`, its scale 0. Numpy arrays
-        take the quick way, lists cost several times as much.
+        reason; the clock waits meanwhile. Numpy arrays take the quick way, lists cost several times as much.
 
         Parameters
         ----------

@@ -33,7 +33,7 @@ BRIDGE = 0.5
 """Share of the hand speeds at which a jump is bridged."""
 THEN, LIVE = REMEMBERED["then"], REMEMBERED["live"]
 TARGET, MOTION = TRIED.places["target"], TRIED.places["motion"]
-RATE, SHARE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "share", "apart", "aside"))
+RATE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "apart", "aside"))
 
 
 class MirrorFollowing(MirrorStatement):
@@ -44,7 +44,6 @@ class MirrorFollowing(MirrorStatement):
     _interaction: Interaction
     _limit: PersonLimit | None
     _tried: BufferedFunction
-    _aimed: BufferedFunction
     _concluded: BufferedFunction
     _moving: BufferedFunction
     _notice: BufferedFunction
@@ -68,13 +67,12 @@ class MirrorFollowing(MirrorStatement):
         self.followed: Array = np.full((4, 4), math.nan)
         """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
         self._given[GIVEN["judged"]] = 1.0  # but in `step`, where a state is measured
-        self._inputs[2][:] = self._inputs[3][:] = 0.0
 
     def beginning_of_memory(self) -> Array:
         """`REMEMBERED` of a hand of which nothing is known."""
         memory, at = np.zeros(REMEMBERED.size), REMEMBERED.places
         memory[at["held"]] = memory[at["aim"]] = memory[THEN] = math.nan
-        memory[at["felt"]], memory[RATE], memory[SHARE], memory[at["lead_w"]] = self._interaction.start, 1.0, 1.0, -1.0
+        memory[at["felt"]], memory[RATE] = self._interaction.start, 1.0
         return memory
 
     def _followed(self, force: ArrayLike | None) -> Command:
@@ -108,44 +106,32 @@ class MirrorFollowing(MirrorStatement):
 
         With `previewed`, the clock makes up no lag. `here` (4, 4) is the tool's pose, `hand` (6,) its motion.
         """
-        clock, limit, tried, aimed, memory = self.clock, self._limit, self._tried, self._aimed, self._memory
-        posture, before = None if limit is None else limit.q, self._last.copy()
-        at, others, place = clock.now, (not previewed, clock.pace), 0.0
-        samples, entries, around = (
-            clock.window.T,
-            here.reshape(-1),
-            self._inputs[-1].reshape(-1)[: self.limits.moving_size],
-        )
-        while True:
-            near, taken = tried.of(samples, at, memory, others, entries, place), tried.outputs[1].copy()
-            if limit is not None:
-                limit.q = posture
-                if not taken[TRIED["stays"]]:
-                    target, taken[MOTION] = limit.limited(taken[TARGET].reshape(4, 4), taken[MOTION])
-                    taken[TARGET] = target.reshape(-1)
-            aimed.of(self._q, before, entries, taken, near, memory, around)
-            if aimed.outputs[1][0]:
-                break
-            place = float(taken[TRIED["place"]]) + 1.0
-        self.followed, (held, told) = taken[:16].reshape(4, 4).copy(), aimed.outputs
-        self._inputs[0][:], self._inputs[1][:], self._inputs[2][:] = told[1:17].reshape(4, 4), told[17:23], told[23:]
-        memory[:] = self._concluded.of(samples, at, near, entries, hand, taken, held, memory)
-        _, said, after = self._concluded.outputs
+        clock, limit, memory = self.clock, self._limit, self._memory
+        at, samples, entries = clock.now, clock.window.T, here.reshape(-1)
+        near = self._tried.of(samples, at, memory, (not previewed, clock.pace), entries)
+        taken = self._tried.outputs[1].copy()
+        if limit is not None:
+            target, taken[MOTION] = limit.limited(taken[TARGET].reshape(4, 4), taken[MOTION])
+            taken[TARGET] = target.reshape(-1)
+        self.followed = taken[:16].reshape(4, 4).copy()
+        memory[:] = self._concluded.of(samples, at, near, entries, hand, taken, memory)
+        _, said, after, aimed = self._concluded.outputs
+        self._inputs[0][:], self._inputs[1][:] = aimed[:16].reshape(4, 4), aimed[16:]
         passed, *_, far, turned = said.tolist()
         _, fraction, lag, *_ = after.tolist()
         clock.stand(int(passed), fraction, lag)
         self._beyond_person, self._short_by = (far, turned), (memory[APART] + far, memory[ASIDE] + turned)
         solver = self._solvers()
-        return self._delivered(solver, before, said) if solver else self._stopped(np.zeros(3))
+        return self._delivered(solver, said) if solver else self._stopped(np.zeros(3))
 
-    def _delivered(self, solver: str, before: Array, said: Array) -> Command:
-        """The command of a certified answer of a solver, shortened where the true state asks for it."""
+    def _delivered(self, solver: str, said: Array) -> Command:
+        """The command of a certified answer of a solver."""
         deliver, solvers, clock = self._deliver, self._solvers, self.clock
         _, _, _, *inputs, _ = deliver.inputs
-        for array, values in zip(inputs, (before, said, clock.window[0], clock.thinned), strict=True):
+        for array, values in zip(inputs, (said, clock.window[0], clock.thinned), strict=True):
             array[:] = values
         deliver.evaluate()
-        solvers.parameters[:], solvers.everything[:], told, self._memory[:] = deliver.outputs
+        solvers.parameters[:], told, self._memory[:] = deliver.outputs
         self._live = bool(self._memory[LIVE]) and solvers.solver == FUSED
         self._memory[LIVE], self._good = self._live, solvers.parameters.tobytes()
         self._count()
@@ -182,7 +168,6 @@ class MirrorFollowing(MirrorStatement):
             return ""
         pace, behind = self._memory[RATE], self.clock.behind
         words = {
-            "SHORTENED": "step shortened: the bounds' tangents promised too much",
             "SLOWED": f"the reference is followed at {pace:.0%} of its pace, {behind:.2f} s behind",
             "BRIDGING": "bridging a jump of the reference",
             "THINNED": f"every second sample that waited was left out: {self.clock.most} wait at most",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.interaction import FELT
-from rehab_opt.control.mirror_following import RATE, SHARE, THEN, MirrorFollowing
+from rehab_opt.control.mirror_following import RATE, THEN, MirrorFollowing
 from rehab_opt.control.mirror_pace import QUICKENING
 from rehab_opt.control.mirror_statement import SPARE, WHOLE
 from rehab_opt.control.mirror_tick import VERDICT
@@ -102,7 +102,7 @@ class MirrorPreview(MirrorFollowing):
     def _lay_out(self) -> bool:
         """Lay out the next ticks from where the clock stands, if they may be taken one after the other."""
         clock = self.clock
-        plain = self._limit is None and not self._felt[FELT["active"]] and not self._inputs[3].any()
+        plain = self._limit is None and not self._felt[FELT["active"]]
         if not plain or clock.bridging or self._solvers.solver != FUSED:
             return False
         if self._preview is None:
@@ -110,13 +110,10 @@ class MirrorPreview(MirrorFollowing):
                 linear_speed=SPARE * self.linear_speed, angular_speed=SPARE * self.angular_speed
             )
             self._origin = clock.passed
-        rate, share = self._remembered[RATE], self._remembered[SHARE]
-        before = rate * (share if share < WHOLE else 1.0)
         place = clock.passed - self._origin, clock.fraction
-        self._laid = self._preview.ahead(place, before, self._span, dt=self.dt, quickening=QUICKENING)
+        self._laid = self._preview.ahead(place, self._remembered[RATE], self._span, dt=self.dt, quickening=QUICKENING)
         self._flat, self._next, self._span = self._laid.poses.reshape(-1, 16), 0, min(2 * self._span, SPAN[1])
         self._place = place[0]
-        self._inputs[2][:] = 0.0
         return bool(self._laid.paces)
 
     def _as_laid_out(self, q: Array) -> Command | None:
@@ -136,9 +133,8 @@ class MirrorPreview(MirrorFollowing):
         pace, (at, fraction) = laid.paces[k], laid.places[k]
         self.clock.go_on(at - self._place, fraction, pace * self.dt)
         memory, self._place, self.followed = self._remembered, at, laid.poses[k]
-        memory[THEN], memory[RATE], memory[SHARE] = verdict[_LEADS_TO], pace, share
-        entries = self._held
-        entries[:3], entries[3:19], entries[19] = laid.poses[k][:3, 3], self._flat[k], self.max_turn
+        memory[THEN], memory[RATE] = verdict[_LEADS_TO], pace
+        self._held[:] = laid.poses[k][:3, 3]
         self._short_by = self._beyond_person = (0.0, 0.0)
         flags = int(relaxed)
         if pace < WHOLE:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.control.command import Relaxed
-from rehab_opt.control.mirror_statement import HELD, WHOLE
+from rehab_opt.control.mirror_statement import WHOLE
 from rehab_opt.control.path_timing import PathCells, ruckig_timing
+from rehab_opt.control.stopping import max_change
 from rehab_opt.control.tool_speed import tool_jerk
 
 if TYPE_CHECKING:
@@ -107,11 +108,7 @@ def _passed(
     edges = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PARTS) / PARTS).ravel(), knots[-1])
     first, second, third = (np.hstack([curve(edges, order) for curve in curves]) for order in (1, 2, 3))
     # The hand goes as the joints do, between two points not evenly, and is faster at an end of a tick that holds them.
-    symbol, change = ca.SX.sym("q", n), ca.SX.sym("change", n)
-    held = [ca.norm_2(chain.jacobian_expression(symbol + part * dt * change)[:3, :] @ change) for part in (-0.5, 0.5)]
-    most = ca.fmax(*held) + dt**2 / 8 * tool_jerk(chain, symbol, change, dt)
-    fast = ca.Function("fast", [symbol, change], [most])
-    hand = np.array(fast.map(len(edges))(curves[0](edges).T, first[:, :n].T)).ravel()
+    hand = _hand_speeds(tracker, curves[0](edges) - 0.5 * dt * first[:, :n], first[:, :n])
     first[:-1, -1] = np.maximum(hand[:-1], hand[1:])
     second[:, -1] = third[:, -1] = 0.0
     cells = PathCells(edges, first[:-1], second[:-1], third[:-1])
@@ -133,7 +130,7 @@ def _passed(
     slowed = (paces < WHOLE) & (clock < clock[-1])
     said = {each: (each & ~Relaxed.TASK, each | Relaxed.TASK) for each in set(plan.relaxed)}
     bounds = [said[plan.relaxed[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
-    w = tracker.hand_bounds.manipulability
+    symbol, w = ca.SX.sym("q", n), tracker.hand_bounds.manipulability
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
     # What the hand stays short of grows at once: between two ticks it is what it grows to. Turns are looked at where a
     # tick begins, distances where it leads.
@@ -147,6 +144,16 @@ def _passed(
         counts=Counter(plan.counts | {"slowed": int(slowed.sum())}),
     )  # fmt: skip
     return found, k
+
+
+def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
+    """(M,) [m/s] The tool's largest speed in ticks from q at joint velocities (M, n)."""
+    chain, dt = tracker.chain, tracker.dt
+    at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)
+    held = [ca.norm_2(chain.jacobian_expression(at + part * dt * change)[:3, :] @ change) for part in (0, 1)]
+    most = ca.fmax(*held) + dt**2 / 8 * tool_jerk(chain, at, change, dt)
+    fast = ca.Function("fast", [at, change], [most])
+    return np.array(fast.map(len(q))(q.T, velocities.T)).ravel()
 
 
 def _passed_points(x: Array, fine: NDArray[np.bool_]) -> Array:
@@ -164,11 +171,9 @@ def _points(passed: Array) -> NDArray[np.int_]:
 
 def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDArray[np.bool_]:
     """(M,) which ticks break what commands keep: the arm's bounds, or what its reference allows."""
-    held = HELD.numbers(centre=np.full(3, np.nan), target=np.eye(4).reshape(-1), turn=math.pi)
-    held = np.tile(held, (len(found.q), 1))
-    held[:, :3] = found.poses[:, :3, 3]
     moving = np.zeros((tracker.limits.moving_size, len(found.q)))
-    kept = np.array(tracker.audit.map(len(found.q))(found.q.T, found.velocities.T, held.T, moving))[1] > 0.5
+    kept = np.array(tracker.limits.judged.map(len(found.q))(found.q.T, moving, found.velocities.T))[0] > 0.5
+    kept &= _hand_speeds(tracker, found.q, found.velocities) <= tracker.linear_speed * (1 + BROKEN)
     ends = np.vstack([found.poses[1:], found.poses[-1:]])[:, :3, 3]
     apart = np.linalg.norm(ends - found.references[:, :3, 3], axis=1) - found.short[:, 0]
     kept[1:] &= apart[1:] <= np.maximum(apart[:-1], tracker.max_deviation) + BROKEN
@@ -178,5 +183,5 @@ def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDAr
     within = np.minimum(found.q, chain.lower) - EXACT <= after, after <= np.maximum(found.q, chain.upper) + EXACT
     kept &= np.all(within, axis=(0, 2))
     change = np.abs(np.diff(found.velocities, axis=0, prepend=0.0))
-    kept &= (change <= np.array(tracker.hand_bounds.change).ravel() * (1 + BROKEN)).all(axis=1)
+    kept &= (change <= np.array(max_change(chain, tracker.dt)).ravel() * (1 + BROKEN)).all(axis=1)
     return np.asarray(~kept)

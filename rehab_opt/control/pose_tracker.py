@@ -18,7 +18,6 @@ from rehab_opt.control.damped import DAMPING, damped_velocity
 from rehab_opt.control.jerk_bounds import JerkBounds
 from rehab_opt.control.limit import Limit, all_limits
 from rehab_opt.control.limits_ahead import (
-    LEAVING,
     ROUNDING,
     Bodies,
     Bound,
@@ -31,7 +30,6 @@ from rehab_opt.control.limits_ahead import (
     State,
     UserLimits,
     Way,
-    within_rows,
 )
 from rehab_opt.control.manoeuvre import ROUNDED, Intervals, Manoeuvre, further
 from rehab_opt.control.pose_inputs import PoseInputs
@@ -40,6 +38,7 @@ from rehab_opt.control.stopping import ticks_to_rest
 from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.control.watchdog import first_of
+from rehab_opt.control.within_rows import LEAVING, within_rows
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.plausible import check_speeds, checked_posture
@@ -207,24 +206,48 @@ class PoseTracker(PoseInputs):
         variables, analytic, subject_to, u = [velocity], task.w, [], velocity.symbol
         cost = ca.sumsqr(task.J @ (u - task.base) - task.rate) + task.damping * ca.sumsqr(u - task.centre)
         towards, outside, rows = tick.once(self._towards(now, u)), now.outside, None
+        far = ca.SX(0)
         if self.kept is not None:
-            rows = tick.once(self.kept.rows(tick, now.state, now.braked, now.ends.least, now.ends.most))
+            aim, far, rows = self._rows(tick, now, task, self.kept)
             leaving = variable("leaving", 1, lower=0, upper=1)
             variables.append(leaving)
             cost += LEAVING * (1 - leaving.symbol) ** 2
             analytic = ca.vertcat(task.w, 1)
             subject_to.append(within(leaving.symbol * rows.away - rows.slopes @ u, -ca.inf, rows.upper))
-            towards = self._within(tick, now, task, rows, towards)
-        command = tick.once(self._clear(tick, now, memory, self._allowed(tick, now, towards)))
+            free, far = towards, all_true(far, ca.fabs(towards - aim) <= TINY)
+            towards = tick.once(tick.when(far, free, lambda: self._within(tick, now, task, rows, free)))
+        command = tick.once(self._allowed(tick, now, memory, towards, far))
         told = ca.DM(np.sqrt(self.task_weights))
         whole = twist + self._settling * tick.once(_error(target, self.chain.pose_expression(q)))
         report = self.report(memory[:n], command, told * (now.state.jacobian @ command), told * whole, outside)
         report = ca.vertcat(report, self._blocking(target, task, rows, outside))
         return Statement(
             name=self.name, parameters=parameters, variables=variables, minimise=cost / 2, subject_to=subject_to,
-            active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick, report=report, memory=memory,
-            remember=self.memory_after(q, memory[:n], command),
+            active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick, memory=memory,
+            report=self.told(q, target, twist, command, report), remember=self.memory_after(q, memory[:n], command),
         )  # fmt: skip
+
+    def told(self, q: ca.SX, target: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
+        """The report of a tick, of a pose (4, 4), its twist (6,) and the command (n,); a subclass may say more."""
+        return report
+
+    def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
+        """What is aimed at without them, whether that is far from all limits, and else their rows."""
+        brake = self._manoeuvre
+        aim = tick.once(clipped(clipped(task.w, task.lower, task.upper), -brake.speed, brake.speed))
+        far = tick.once(kept.far(tick, Way(now.state, aim, further(brake.ticks(aim)))))
+        sizes = [each.shape for each in kept.no_rows()]
+
+        def column(rows: Rows) -> ca.SX:
+            return ca.vertcat(*(ca.vec(ca.densify(each)) for each in rows))
+
+        def rows() -> ca.SX:
+            return column(kept.rows(tick, now.state, now.braked, now.ends.least, now.ends.most))
+
+        found = tick.once(tick.when(far, column(kept.no_rows()), rows))
+        ends = np.cumsum([0, *(a * b for a, b in sizes)]).tolist()
+        parts = [ca.reshape(part, *size) for part, size in zip(ca.vertsplit(found, ends), sizes, strict=True)]
+        return aim, far, Rows(*parts)
 
     def _blocking(self, target: ca.SX, task: Task, rows: Rows | None, outside: ca.SX) -> ca.SX:
         """Number of the reason, and the joint or -1, for a command without any of the commanded motion."""
@@ -429,10 +452,14 @@ class PoseTracker(PoseInputs):
 
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
-    def _allowed(self, tick: Stages, now: Now, u: ca.SX) -> ca.SX:
-        """(n,) u, or its largest blend with braking that passes no limit further than braking does."""
+    def _allowed(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX, far: ca.SX) -> ca.SX:
+        """(n,) u, or its largest blend with braking that passes no limit further than braking does.
+
+        `far` : whether u leads nowhere near a limit of the posture.
+        """
         brake, braked, kept = self._manoeuvre, now.braked, self.kept
-        bounds: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand, *([kept] if kept else [])]
+        usual: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand]
+        bounds = [*usual, kept] if kept else usual
 
         def way(u: ca.SX) -> Way:
             return Way(now.state, u, further(brake.ticks(u)))
@@ -441,7 +468,7 @@ class PoseTracker(PoseInputs):
             return ca.vertcat(*(bound.excess(tick, way(u)) for bound in bounds))
 
         aimed = tick.once(u)
-        at_most = ca.vertcat(*(bound.at_most(tick, way(aimed)) for bound in bounds))
+        slow = all_true(*(bound.at_most(tick, way(aimed)) <= ROUNDING for bound in usual))
 
         def blended() -> ca.SX:
             least, found = tick.once((excess(braked), excess(aimed)))
@@ -453,7 +480,14 @@ class PoseTracker(PoseInputs):
                 found = tick.once(excess(braked + share * (aimed - braked)))
             return braked + ca.if_else(all_true(found <= most + ROUNDING), share, 0) * (aimed - braked)
 
-        return tick.when(all_true(at_most <= ROUNDING), aimed, blended)
+        if kept is None:
+            return tick.when(slow, aimed, blended)
+
+        def judged() -> ca.SX:
+            keeps = all_true(slow, kept.at_most(tick, way(aimed)) <= ROUNDING)
+            return self._clear(tick, now, memory, tick.when(keeps, aimed, blended))
+
+        return tick.when(ca.logic_and(far, slow), aimed, judged)
 
     def step(
         self,

@@ -153,7 +153,6 @@ class Note(NamedTuple):
 
 
 NOTES = (
-    Note("SHORTENED", "the step was shortened: the tangents of the bounds promised too much", "step shortened"),
     Note("SLOWED", "the reference is followed below its own pace", "of its pace"),
     Note("BRIDGING", "a jump of the reference is bridged", "bridging a jump of the reference"),
     Note(

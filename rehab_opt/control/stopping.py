@@ -20,7 +20,6 @@ __all__ = [
     "BrakingTogether",
     "VelocityBounds",
     "max_change",
-    "nearest_to_rest",
     "slowed_together",
     "stopping_speed",
     "ticks_to_rest",
@@ -152,14 +151,6 @@ def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
     room, gentle = ca.fmax(room, 0), GENTLE * acceleration
     near = gentle / approach**2
     return ca.if_else(room <= near, approach * room, ca.sqrt(2 * gentle * ca.fmax(room - near / 2, 0)))
-
-
-def nearest_to_rest(bounds: VelocityBounds) -> ca.SX:
-    """(n,) the velocity nearest to rest within the bounds: the fallback command.
-
-    It does not move a joint back into its limits, because a user who released the switch wants no motion.
-    """
-    return clipped(ca.SX.zeros(bounds.lower.shape), bounds.brake_lower, bounds.brake_upper)
 
 
 SLACK = 1.1

@@ -17,17 +17,7 @@ import numpy as np
 
 from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = ["speed_ahead", "tool_acceleration", "tool_jerk"]
-
-
-def tool_acceleration(jacobian: ca.SX, velocity: ca.SX) -> ca.SX:
-    """(6,) [m/s^2, rad/s^2] J' q' at constant joint velocities (n,), from the geometric Jacobian (6, n)."""
-    total, turning = ca.SX.zeros(6), ca.SX.zeros(3)
-    for j in range(velocity.numel()):
-        linear, turn = jacobian[:3, j] * velocity[j], jacobian[3:, j] * velocity[j]
-        total += ca.vertcat(ca.cross(2 * turning + turn, linear), ca.cross(turning, turn))
-        turning += turn
-    return total
+__all__ = ["tool_jerk"]
 
 
 def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
@@ -42,14 +32,3 @@ def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX
             turning += speed
         bound += row.across * turning**3
     return bound + float(np.linalg.norm(chain.tool[:3, 3])) * turning**3
-
-
-def speed_ahead(chain: SerialChain, q: ca.SX, jacobian: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
-    """[m/s] upper bound of |p'| in a tick, from its start alone; at least the bound of this module.
-
-    For s times the velocity, with s <= 1, it is at most s times as large.
-    """
-    now = jacobian[:3, :] @ velocity
-    then = now + dt * tool_acceleration(jacobian, velocity)[:3]
-    # |p'(dt) - then| <= dt^2/2 max |p'''|, and an eighth for the way.
-    return ca.fmax(ca.norm_2(now), ca.norm_2(then)) + 0.625 * dt**2 * tool_jerk(chain, q, velocity, dt)

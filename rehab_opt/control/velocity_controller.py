@@ -17,7 +17,7 @@ from rehab_opt.control.command import NUMBERED, Command, Relaxed, Status
 from rehab_opt.control.front_end import FrontEnd
 from rehab_opt.control.judged_state import GIVEN, judged_memory, judged_state, nothing_known
 from rehab_opt.control.reasons import NUMBER, reason_number, reason_text
-from rehab_opt.control.stopping import APPROACH, VelocityBounds, max_change, nearest_to_rest, velocity_bounds
+from rehab_opt.control.stopping import APPROACH, VelocityBounds, max_change, velocity_bounds
 from rehab_opt.control.thread_owner import OneThread, setting
 from rehab_opt.control.velocity_tick import (
     LEFT_TO_OTHERS,
@@ -230,15 +230,9 @@ class VelocityController(OneThread, ABC):
         """What a tick of the safe command remembers at q, after the last velocity."""
         return self.remember(q, velocity)
 
+    @abstractmethod
     def braking(self) -> ca.Function:
         """q, memory -> what is remembered of the safe command, and its report."""
-        q, memory = ca.SX.sym("q", self.chain.n), ca.SX.sym("memory", self.stated.memory.numel())
-        last = memory[: self.chain.n]
-        bounds = self.bounds(q, memory)
-        rest = nearest_to_rest(bounds)
-        report = self.report(last, rest, ca.SX(0), ca.SX(1), bounds.outside)  # nothing of the task is delivered
-        outputs = [ca.densify(self.memory_after(q, last, rest)), report]
-        return ca.Function("braking", [q, memory], outputs)
 
     def fallback_law(self) -> ca.Function | None:
         """Parameters, memory -> report, memory, violation: what may be sent where every solver failed, or None."""

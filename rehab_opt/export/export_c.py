@@ -48,7 +48,7 @@ def export_c(
         obstacles; q, twist, rows, frame and moving; x. Joints move as commanded from the first tick's q. Stamps, forces
         and the enable input are generated. Default: a random run, or that of the problem file.
     memory : [bytes] largest size of the C struct. For a `MirrorTracker` the rest is a buffer of reference samples, by
-        default 64 kB together; other controllers have a fixed size.
+        default 96 kB together; other controllers have a fixed size.
     writing : context that is active while files are written.
 
     Raises

@@ -12,7 +12,6 @@ from bench.solvers.entrants import entrants
 from bench.solvers.recommendation import DEFAULTS, LADDER
 from rehab_opt import ArmIK, MirrorTracker, PoseTracker, RedundancyResolver
 from rehab_opt.control.bounded_force import BoundedForce
-from rehab_opt.control.scaled_task import ScaledTask
 from rehab_opt.field.learning import learnt_field
 from rehab_opt.optim.fallback_chain import FallbackChain
 from rehab_opt.optim.qp import Statement
@@ -36,10 +35,10 @@ def test_a_tick_s_default_is_the_ladder_that_is_compared() -> None:
     assert not TICKS & set(DEFAULTS)  # where nothing is said, the ladder is meant
 
 
-@pytest.mark.parametrize("controller", [PoseTracker, ScaledTask, RedundancyResolver, BoundedForce])
+@pytest.mark.parametrize("controller", [PoseTracker, RedundancyResolver, BoundedForce])
 def test_a_controller_leaves_the_ladder_as_it_is(controller: type) -> None:
     assert (default(controller, "solver"), default(controller, "backup")) == ("qrqp", None)
-    assert issubclass(MirrorTracker, ScaledTask)  # which has its solver
+    assert issubclass(MirrorTracker, PoseTracker)  # which has its solver
 
 
 def test_the_defaults_of_programmes_and_of_learning_are_the_ones_that_are_compared() -> None:

@@ -133,9 +133,8 @@ def test_a_limit_that_is_no_number_stops_and_does_not_raise(kind: str, compile_:
 
     def distance(chain: Any, q: ca.SX) -> ca.SX:
         off = chain.pose_expression(q)[:3, 3] - ca.DM(here)
-        return {"slope": 0.3 - ca.norm_2(off), "distance": 0.3 + ca.log(off[2] - 1e-9), "root": ca.sqrt(off[2] - 1e-9)}[
-            kind
-        ]
+        away, below = ca.norm_2(off), off[2] - 1e-9
+        return {"slope": 1e-6 - away, "distance": 0.3 + ca.log(below), "root": ca.sqrt(below)}[kind]
 
     control = PoseTracker(robot, dt=0.002, limits=[Limit(distance)], compile=compile_)
     target = robot.pose(START)

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from rehab_opt.control.interaction import FELT
 from rehab_opt.control.mirror_pace import COUNTED, PACE, REMEMBERED, SAID, TRIED, MirrorPace
-from rehab_opt.control.mirror_statement import HELD
 from rehab_opt.control.reference_clock import CLOCK, SAMPLE
 from rehab_opt.symbolic import BufferedFunction
 
@@ -31,11 +30,10 @@ def pose(x: float = 0.0, angle: float = 0.0) -> Array:
 
 
 def memory(*, pace: dict[str, float], push: float = 1.0, counts: float = 0.0) -> Array:
-    held = HELD.numbers(centre=0.0, target=pose(), turn=math.inf)
     return REMEMBERED.numbers(
-        pace=PACE.numbers(**{"rate": 1, "share": 1, "waited": 0, "stood": 0, "apart": 0, "aside": 0} | pace),
-        held=held, felt=FELT.numbers(**dict.fromkeys(FELT.places, 0.0) | {"pace": push}), aim=math.nan, then=1.0,
-        live=1.0, lead_w=0.0, lead_age=0.0, counted=counts,
+        pace=PACE.numbers(**{"rate": 1, "waited": 0, "stood": 0, "apart": 0, "aside": 0} | pace),
+        held=0.0, felt=FELT.numbers(**dict.fromkeys(FELT.places, 0.0) | {"pace": push}), aim=math.nan, then=1.0,
+        live=1.0, counted=counts,
     )  # fmt: skip
 
 
@@ -52,15 +50,13 @@ def function(name: str) -> BufferedFunction:
 
 def tried(
     *, lag: float = 0.0, twist: Array = STILL, here: Array | None = None, far: float = 0.0, seconds: float = DT,
-    most: float = math.inf, hurried: bool = True, push: float = 1.0, first: int = 0, **pace: float,
+    most: float = math.inf, hurried: bool = True, push: float = 1.0, **pace: float,
 ) -> dict[str, Any]:  # fmt: skip
     """`TRIED` of a clock that is `lag` late, half of the way to a sample that is `far` away; and the rate."""
     samples = window((pose(), twist, DT), (pose(far), twist, seconds), (pose(far), twist, DT))
     clock = CLOCK.numbers(ahead=2, fraction=0.0, lag=lag, lost=0.0, newest=0.0)
     given = function("tried")
-    near = given.of(
-        samples, clock, memory(pace=pace, push=push), (hurried, most), pose() if here is None else here, first
-    )
+    near = given.of(samples, clock, memory(pace=pace, push=push), (hurried, most), pose() if here is None else here)
     found = given.outputs[1]
     return {"rate": near[0], **{name: found[place].copy() for name, place in TRIED.places.items()}}
 
@@ -72,12 +68,6 @@ LINEAR, ANGULAR = np.r_[0.5, np.zeros(5)], np.r_[np.zeros(4), 3.0, 0.0]
     ("given", "rate"),
     [
         ({"rate": 0.3}, 0.3 + DT / 0.1),  # it quickens by 1 in 0.1 s
-        ({"rate": 0.8, "share": 0.5}, 0.5),
-        (
-            {"rate": 0.8, "share": 0.5, "apart": 0.0011, "here": pose(0.002)},
-            0.9,
-        ),  # a hand that is short has no share of the way
-        ({"rate": 0.8, "share": 0.5, "aside": 0.011, "here": pose(0.0, 0.02)}, 0.9),
         ({"most": 0.2}, 0.2),
         ({"push": 0.4, "rate": 2.0, "lag": 0.1}, 0.4),  # nobody is hurried who pushes
         ({"twist": LINEAR}, 0.95 * 0.25 / 0.5),
@@ -104,16 +94,6 @@ def test_pace_is_what_lag_speeds_deviation_and_pushes_leave(given: dict[str, Any
     np.testing.assert_array_equal(found["motion"], found["twist"])
 
 
-def test_first_pace_that_the_deviation_allows_is_tried() -> None:
-    """The reference goes 0.1 m ahead in a tick: a fraction of 0.45, 0.225 of that."""
-    for first, share, place in ((0, 0.25, 2), (3, 0.0, 3)):
-        found = tried(far=0.1, rate=0.9, first=first)
-        assert (found["place"], found["fits"], found["stays"]) == (place, 1, 0)
-        assert found["rate"] == pytest.approx(share)
-        assert found["pose"][3] == pytest.approx(0.1 * share)
-    assert tried(first=4)["stays"] == 1
-
-
 AT_REST = dict.fromkeys(TRIED.places, 0.0)
 
 
@@ -135,19 +115,19 @@ def test_a_hand_that_stands_or_a_clock_that_waits_cuts_the_hand_short(
     taken = TRIED.numbers(
         **AT_REST | {"pose": pose(0.03), "target": pose(0.02), "goal": pose(0.03, 0.2)[:12], "seconds": 0.005}
     )
-    held, hand = np.zeros(HELD.size), speed * np.eye(6)[0]
+    hand = speed * np.eye(6)[0]
     for k in range(1, 121):
         near = before[REMEMBERED.places["pace"]].copy()
-        before = given.of(samples, clock, near, pose(), hand, taken, held, before)
+        before = given.of(samples, clock, near, pose(), hand, taken, before)
         counts = dict(zip(COUNTED.places, before[REMEMBERED.places["counted"]], strict=True))
         cut = before[REMEMBERED["pace"] + PACE["apart"]] > 0
         assert cut == (ticks is not None and k >= ticks), k
         assert counts["waited"] == k * waits
     assert (counts["cut"] > 0) == (ticks is not None)
-    _, said, after = given.outputs
+    _, said, after, _ = given.outputs
     np.testing.assert_allclose(
         said, SAID.numbers(passed=0, ahead=8, bridging=0, short=cut, beyond=[0.01, 0.0]), atol=1e-9
     )
     np.testing.assert_allclose(after, CLOCK.numbers(ahead=8, fraction=0.5, lag=0.075, lost=0, newest=0))
     if cut:
-        np.testing.assert_allclose(before[REMEMBERED["pace"] + 4 : REMEMBERED["pace"] + 6], [0.03, 0.2])
+        np.testing.assert_allclose(before[REMEMBERED["pace"] + 3 : REMEMBERED["pace"] + 5], [0.03, 0.2])

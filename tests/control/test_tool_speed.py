@@ -1,4 +1,4 @@
-"""The bounds on how a tool moves within a tick, against differences of its pose, for chains of any kind."""
+"""The bound on how a tool's speed changes within a tick, against differences of its pose, for chains of any kind."""
 
 import casadi as ca
 import numpy as np
@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rehab_opt import DH, SerialChain
-from rehab_opt.control.tool_speed import speed_ahead, tool_acceleration, tool_jerk
+from rehab_opt.control.tool_speed import tool_jerk
 
 
 def random_chain(rng: np.random.Generator) -> SerialChain:
@@ -20,23 +20,16 @@ def random_chain(rng: np.random.Generator) -> SerialChain:
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), dt=st.sampled_from([1e-3, 5e-3, 2e-2, 1e-1]))
-def test_speed_acceleration_and_jerk_of_a_tool_in_a_tick(seed: int, dt: float) -> None:
+def test_jerk_and_largest_speed_of_a_tool_in_a_tick(seed: int, dt: float) -> None:
     rng = np.random.default_rng(seed)
     chain = random_chain(rng)
     q, v = rng.uniform(-2, 2, chain.n), rng.uniform(-3, 3, chain.n)
     x, u = ca.SX.sym("x", chain.n), ca.SX.sym("u", chain.n)
-    jacobian = chain.jacobian_expression(x)
-    outputs = [tool_acceleration(jacobian, u), tool_jerk(chain, x, u, dt), speed_ahead(chain, x, jacobian, u, dt)]
-    change, jerk, speed = (np.array(each).ravel() for each in ca.Function("f", [x, u], outputs)(q, v))
-    h = 1e-5
-    twists = [chain.jacobian(q + t * v) @ v for t in (-h, h)]
-    np.testing.assert_allclose(change, (twists[1] - twists[0]) / (2 * h), atol=1e-6, rtol=1e-6)
+    jerk = np.array(ca.Function("f", [x, u], [tool_jerk(chain, x, u, dt)])(q, v)).ravel()
 
     def place(t: float) -> np.ndarray:
         return chain.pose(q + t * v)[:3, 3]
 
-    h = 1e-4
-    np.testing.assert_allclose(change[:3], (place(h) - 2 * place(0) + place(-h)) / h**2, atol=2e-5, rtol=1e-5)
     h = 1e-3
     thirds, speeds = [], []
     for t in np.linspace(0, dt, 11):
@@ -44,10 +37,8 @@ def test_speed_acceleration_and_jerk_of_a_tool_in_a_tick(seed: int, dt: float) -
         speeds.append((place(t + h) - place(t - h)) / (2 * h))
     assert np.linalg.norm(thirds, axis=1).max() <= jerk[0] * (1 + 1e-2) + 1e-3
     norms = np.linalg.norm(speeds, axis=1)
-    assert norms.max() <= speed[0] * (1 + 1e-3) + 1e-6
-    # What `HandBounds.kept` goes by: the ends of the tick, and an eighth of the jerk for the way.
+    # What a plan's passage goes by: the ends of the tick, and an eighth of the jerk for the way.
     assert norms.max() <= max(norms[0], norms[-1]) + dt**2 / 8 * jerk[0] + 1e-5
-    assert max(norms[0], norms[-1]) + dt**2 / 8 * jerk[0] <= speed[0] * (1 + 1e-3) + 1e-6
 
 
 def test_the_jerk_of_what_slides_along_what_turns() -> None:

@@ -24,7 +24,7 @@ class Following(ctypes.Structure):
     _fields_ = [
         ("reference", ctypes.c_double * 16),
         *((name, ctypes.c_double) for name in ("time_scale", "lag", "manipulability")),
-        *((name, ctypes.c_double) for name in ("acceleration", "shortened", "slowed", "waited", "braked", "cut")),
+        *((name, ctypes.c_double) for name in ("acceleration", "slowed", "waited", "braked", "cut")),
     ]
 
 
@@ -57,7 +57,7 @@ class Twins:
         np.testing.assert_allclose(told.reference, python.reference.ravel(), rtol=0, atol=BESIDE)
         one = (told.time_scale, told.lag, told.manipulability)
         np.testing.assert_allclose(one, (python.time_scale, python.lag, python.manipulability), rtol=0, atol=BESIDE)
-        names = ("acceleration", "shortened", "slowed", "waited", "braked", "cut")
+        names = ("acceleration", "slowed", "waited", "braked", "cut")
         assert [getattr(told, name) for name in names] == [python.counts[name.replace("_", " ")] for name in names]
         return command
 

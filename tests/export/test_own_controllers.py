@@ -122,7 +122,7 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     most = tracker.clock.most
     export_c(tracker, tmp_path, memory=memory)
     library = shared(tmp_path, "mirror_tracker", built)
-    assert library.controller_size() <= (memory or 64_000)
+    assert library.controller_size() <= (memory or 96_000)
     assert largest_difference(tmp_path, "mirror_tracker", built) <= SAME
     notes = [int(line.rsplit(",", 1)[1]) for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]]
     assert any(note & 8 for note in notes)

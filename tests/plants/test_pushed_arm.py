@@ -103,4 +103,4 @@ def test_a_person_who_holds_the_hand_elsewhere_meets_the_arm_half_way_and_at_res
     moved = (run.hand[late] - pose[:3, 3]) @ way
     np.testing.assert_allclose(moved, off * stiffness / (stiffness + law.stiffness), rtol=0.1)
     assert np.linalg.norm(run.force[late], axis=1).std() <= 1.0
-    assert run.hand_speed().max() <= 0.25
+    assert run.hand_speed().max() <= 0.26  # commanded are 0.25, which a servo overshoots

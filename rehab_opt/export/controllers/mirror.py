@@ -10,12 +10,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from rehab_opt.control import mirror_following, mirror_tick
+from rehab_opt.control import mirror_following
 from rehab_opt.control.command import Command
 from rehab_opt.control.damped import PASSES
 from rehab_opt.control.mirror import MirrorTracker
 from rehab_opt.control.mirror_pace import AIMED, COUNTED, FOLLOWED, PACE, REMEMBERED, SAID, TRIED
-from rehab_opt.control.mirror_statement import HELD
 from rehab_opt.control.mirror_tick import NOTICED, VERDICT
 from rehab_opt.control.person_limit import SETTLING, SETTLING_DT, PersonLimit, model_tick
 from rehab_opt.control.reference_clock import CLOCK, KEPT, SAMPLE
@@ -47,7 +46,7 @@ __all__ = ["ExportedMirror", "exported_mirror", "exported_mirror_problem"]
 Array = NDArray[np.float64]
 
 NAME = "mirror_tracker"
-MEMORY = 64_000
+MEMORY = 96_000
 """[bytes] of its struct by default."""
 LEAST = 16
 """The fewest samples that wait."""
@@ -72,7 +71,7 @@ FORCED = {
 DIFFERENCES = (
     NO_BACKUP,
     "`plan`, which knows the whole recording, is not there. A controller that may wait for a file may run in Python.",
-    "Python's remarks on a command that is no fault (a shortened step, a slowed reference, a bridge) are "
+    "Python's remarks on a command that is no fault (a slowed reference, a bridge) are "
     "`notes`, without their numbers; `reason` is why it is the safe command.",
     STAMPED,
     "Another input than force that is NULL counts as not a number; Python raises an error for an argument of the "
@@ -84,9 +83,6 @@ SAME = (
     "second one of those that wait is left out, with `REHAB_THINNED`, and the path between its neighbours is straight; "
     "their time is kept, and nothing is dropped at either end. `memory` of `export_c` has room for more; in Python "
     "`clock.most` is the number.",
-    "The same in both: where the gradient of the manipulability vanishes below the floor, a tick looks for an escape "
-    "among thousands of postures: half a millisecond where the others take microseconds, and it may come again after "
-    f"{mirror_tick.STALE} ticks without gain. An arm that starts above its floor does not come there.",
 )
 OF_A_PERSON = (
     "The same in both: the reference is limited by a model of the led arm, a QP of its own in every tick. At first it "
@@ -109,7 +105,7 @@ class ExportedMirror(ExportedVelocity):
     waiting: int = 0
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the controllers, the clock, the true bounds and the singularity escape."""
+        """Functions of the controllers and the clock."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
         clock, parts = tracker.pace.clock, tracker.parts
@@ -119,7 +115,6 @@ class ExportedMirror(ExportedVelocity):
             "followed": tracker.pace.followed_function(),
             "notices": parts.notice,
             "tried_pace": parts.tried,
-            "aimed_at": parts.aimed,
             "concluded": parts.concluded,
             "delivers": parts.deliver,
             "brakes": parts.brake,
@@ -129,7 +124,7 @@ class ExportedMirror(ExportedVelocity):
         return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
 
     def shape(self) -> dict[str, str]:
-        """Those of the controllers, and the constants of clock, pace, forces and way out."""
+        """Those of the controllers, and the constants of clock, pace and forces."""
         shape = super().shape()
         numbers = int(shape["numbers"]) + SAMPLE.size * (self.waiting + _besides(self.tracker)) + 120
         return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
@@ -235,7 +230,7 @@ def exported_mirror(
 
 # ------------------------------------------------------------------------------------------------ what C is told
 RECORDS = {
-    "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "held": HELD, "said": SAID, "noticed": NOTICED,
+    "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "said": SAID, "noticed": NOTICED,
     "clock": CLOCK, "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
     "followed": FOLLOWED,
 }  # fmt: skip
@@ -248,11 +243,10 @@ struct {{
     int thinned;                   /* whether the last sample made every second one go that waited */
 }} clock;
 double accepted[22];               /* pose and twist of the last tick that needed no clock */
-double memory[{remembered}];       /* pace, forces, what the hand is held near, the way out, counts */
+double memory[{remembered}];       /* pace, forces, where the hand is led to, counts */
 """
 PERSON_MEMBERS = (
-    "double person[{0}], posture[{0}]; /* of the model of the led arm, and before what is tried */\n"
-    "double settling; /* ticks left to find it */\n"
+    "double person[{0}]; /* posture of the model of the led arm */\ndouble settling; /* ticks left to find it */\n"
 )
 
 
@@ -272,7 +266,7 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
-    """Fields of the templates of clock, pace, forces and singularity escape."""
+    """Fields of the templates of clock, pace and forces."""
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
