@@ -98,10 +98,8 @@ class Arm(NamedTuple):
     wishes: list[Own]
     beside: Probe | None
     floor: float
-    rate: float
     weights: Array
     """(6,) of the hand's places and turns."""
-    acceleration: Array
 
     @property
     def mirror(self) -> bool:
@@ -119,7 +117,7 @@ def draw(rng: np.random.Generator, *, mirror: bool) -> Arm:
     wishes = [own(rng, start) for _ in range(int(rng.integers(1, 3)))] if rng.random() < 0.7 or not mirror else []
     beside = probe(rng, start) if mirror and (rng.random() < 0.7 or not wishes) else None
     velocity, acceleration = rng.uniform(1.0, 2.5, 6), rng.uniform(5.0, 30.0, 6)
-    length, rate = float(rng.choice([0.05, 0.1, 0.3])), float(rng.choice([10.0, 20.0]))
+    length = float(rng.choice([0.05, 0.1, 0.3]))
     floor = float(manipulability(start[None])[0]) * float(rng.choice([0.1, 0.9, 0.98]))
     weights = np.r_[np.ones(3), np.full(3, length**2)]
     capsules = ()
@@ -132,10 +130,9 @@ def draw(rng: np.random.Generator, *, mirror: bool) -> Arm:
     if mirror:
         control = MirrorTracker(
             arm, floor=floor, max_deviation=0.2, linear_speed=1.0, angular_speed=3.0, turn_length=length,
-            max_manipulability=LARGEST, interaction=Interaction(), dt=dt, rate=rate, limits=limits, compile=False,
+            max_manipulability=LARGEST, interaction=Interaction(), dt=dt, limits=limits, compile=False,
             keep_out=[] if beside is None else [KeepOut.through(beside.normal * beside.offset, beside.normal)],
         )  # fmt: skip
     else:
         control = PoseTracker(arm, task_weights=weights, dt=dt, limits=limits, compile=False)
-        rate = 1.0 / max(float(np.max(velocity / acceleration)), dt)
-    return Arm(control, dt, start, lower, upper, wishes, beside, floor, rate, weights, acceleration)
+    return Arm(control, dt, start, lower, upper, wishes, beside, floor, weights)

@@ -6,7 +6,7 @@ waited for up to `WAITED`, stands for a second like all others, no further from 
 
 `PoseTracker` and `MirrorTracker` with joint limits, limits of a user's own, several distances in each, a plane
 below a probe on the arm and the manipulability floor, all drawn around the start. Judged: each distance in every tick,
-also while braking; the barrier; and that the hand stands in the end, where no motion that the active limits leave leads
+also while braking; and that the hand stands in the end, where no motion that the active limits leave leads
 it nearer (the multipliers of the judge's own gradients, by non-negative least squares), places and turns weighed as was
 asked.
 
@@ -17,7 +17,6 @@ rad/s instead.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -112,19 +111,11 @@ def is_judged(of: Arm, at: list[Array], commands: list[Command], asked: Array) -
 
 def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray[np.bool_]) -> None:
     """Distances and barriers on the way."""
-    ticks, near = len(value), np.zeros(len(value), dtype=bool)
-    last = np.vstack([np.zeros(6), value[:-1]])  # all joints slowing alike, as fast as accelerations let them:
-    braked = last * (1 - 1 / np.maximum((np.abs(last) / (of.acceleration * of.dt)).max(axis=1, keepdims=True), 1))
+    near = np.zeros(len(value), dtype=bool)
     for each in of.wishes:
         numbers = each.numbers(q, of.start)
         verdict.within("a user's distance below zero", -numbers, 1e-9)
         least, room = numbers[:-1].argmin(axis=1), numbers[:-1].min(axis=1)
-        decay = (1 - math.exp(-(of.rate if each.rate is None else each.rate) * of.dt)) / of.dt
-        closing = -np.einsum("ni,ni->n", each.slopes(q[:-1])[np.arange(ticks), least], value)
-        if of.mirror:  # `PoseTracker`'s is about the middle of the tick
-            braking = -np.einsum("ni,ni->n", each.slopes(q[:-1])[np.arange(ticks), least], braked)
-            fast = np.where(ok, closing - np.maximum(decay * np.maximum(room, 0.0), braking), 0.0)
-            verdict.within("a user's distance falls faster than its barrier", fast, 1e-9)
         verdict.during("another distance is the least one", least != least[0], of.dt)
         near |= room < 0.02
     if of.beside is not None:
