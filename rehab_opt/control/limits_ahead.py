@@ -41,6 +41,8 @@ BRAKED = (0.0, 0.25, 0.5, 0.75)
 """Fractions of the way to rest at which hand speeds are checked."""
 CLEAR, BEND = 5e-5, 30.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
+CLOSE = 2.0
+"""h is checked at three points only if their least value exceeds so many times their spread."""
 FLAT, ASIDE = 2e-3, 0.1
 """[1/rad] Slope that shows no way back from below zero; [rad or m] distance at which another slope is taken then."""
 PUSH = 0.3
@@ -254,17 +256,26 @@ class Kept(Bound):
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
         """(k,) in the limits' own units; moving bodies are at their positions at the end of the tick."""
-        over = [ca.SX(0, 1)]
-        for each in self._kinds:
-            parts, h = [k / each.places for k in range(each.places + 1)], []
-            for part in parts:
-                place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
-                h.append(each.h(tick, place, ca.SX(self._manoeuvre.dt), way.state.moving))
-            over += [2 * ROUNDING - one for one in h]
-            for a, b, c in zip(h, h[1:], h[2:], strict=False):
-                fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)
-                over.append(2 * ROUNDING - ca.if_else(fall < 4 * bow, a - 1.1 * fall**2 / (8 * bow), c))
-        return ca.vertcat(*over)
+        return ca.vertcat(ca.SX(0, 1), *(2 * ROUNDING - self._along(tick, each, way) for each in self._kinds))
+
+    def _along(self, tick: Stages, kind: Posture, way: Way) -> ca.SX:
+        """(k,) h on the way to rest; between its ends and its middle only if those are close to zero."""
+
+        def at(part: float) -> ca.SX:
+            place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
+            return kind.h(tick, place, ca.SX(self._manoeuvre.dt), way.state.moving)
+
+        few = [at(part) for part in (0.0, 0.5, 1.0)]
+        if kind.places == 2:
+            return _with_parabolas(few)
+
+        def all_of_them() -> ca.SX:
+            known = dict(zip((0, kind.places // 2, kind.places), few, strict=True))
+            return _with_parabolas([known[k] if k in known else at(k / kind.places) for k in range(kind.places + 1)])
+
+        least, most = ca.fmin(ca.fmin(*few[:2]), few[2]), ca.fmax(ca.fmax(*few[:2]), few[2])
+        more = [few[2]] * (2 * kind.places - len(few))
+        return tick.when(all_true(least > CLOSE * (most - least)), ca.vertcat(*few, *more), all_of_them)
 
     def _tangents(self, tick: Stages, way: Way, part: float) -> ca.SX:
         """Tangents at a fraction `part` of the way, with bodies at the time when braking would be there."""
@@ -329,6 +340,15 @@ class Kept(Bound):
         true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)
         return ca.fmax(rows.upper - missed, -rows.slopes @ brake)
+
+
+def _with_parabolas(h: Sequence[ca.SX]) -> ca.SX:
+    """All h, and the least of each parabola through three of them."""
+    lowest = []
+    for a, b, c in zip(h, h[1:], h[2:], strict=False):
+        fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)
+        lowest.append(ca.if_else(fall < 4 * bow, a - 1.1 * fall**2 / (8 * bow), c))
+    return ca.vertcat(*h, *lowest)
 
 
 def largest_part(a: ca.SX, b: ca.SX, most: float) -> ca.SX:

@@ -109,8 +109,8 @@ class PoseTracker(PoseInputs):
        with J and the pose error e at the stop posture (relative to the target's motion), b the velocity after a tick of
        braking, and S [s] the derivative of the stop posture by u. This is a Levenberg-Marquardt step; d grows with the
        part of e that the limits leave;
-    2. the velocity changes straight towards the result, within accelerations and hand speeds; 3. if it is not allowed,
-    it is blended with braking until it is.
+    2. the velocity changes straight towards the result, within accelerations and hand speeds;
+    3. if it is not allowed, it is blended with braking until it is.
 
     It uses the joints' commanded positions (`FrontEnd`). An object belongs to one thread: see `OneThread`.
 

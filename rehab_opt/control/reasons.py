@@ -114,7 +114,7 @@ REASONS = (
     Reason("POSTURE_SINGULAR", "no joint moves the tool that way: the posture is singular", "the posture is singular"),
     Reason("OUT_OF_REACH", "the pose is out of reach", "the pose is out of reach"),
 )
-"""In the order of their numbers, which never change."""
+"""In the order of their numbers, which a release will not change."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}
 """Of each by its name."""
 
@@ -159,7 +159,7 @@ NOTES = (
         "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
     ),
 )
-"""In the order of their numbers, 1, 2, 4, 8, which never change. Python joins them by semicolons in its reason."""
+"""In the order of their numbers, 1, 2, 4, which a release will not change. Python joins them by semicolons."""
 
 
 def notes_of(reason: str) -> int:

@@ -60,7 +60,6 @@ LEFT: dict[str, int] = {
     "rehab_opt/control/mirror_tick.py": 2,
     "rehab_opt/control/reaching.py": 1,
     "rehab_opt/control/reasons.py": 8,
-    "rehab_opt/control/reference_velocity.py": 2,
     "rehab_opt/control/velocity_controller.py": 1,
     "rehab_opt/export/controllers/bilateral_sides.py": 11,
     "rehab_opt/session/ardis/measures.py": 1,

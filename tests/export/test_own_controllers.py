@@ -126,7 +126,7 @@ def test_a_mirror_keeps_to_its_memory_and_says_when_samples_go(
     assert largest_difference(tmp_path, "mirror_tracker", built) <= SAME
     notes = [int(line.rsplit(",", 1)[1]) for line in (tmp_path / "recorded_run.csv").read_text().splitlines()[1:]]
     assert any(note & 8 for note in notes)
-    assert "REHAB_THINNED = 8 /* no more samples fit" in (tmp_path / "rehab_mirror_tracker.h").read_text()
+    assert "REHAB_THINNED = 4 /* no more samples fit" in (tmp_path / "rehab_mirror_tracker.h").read_text()
     assert tracker.clock.most == most
 
 
