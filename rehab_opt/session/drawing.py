@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,7 @@ __all__ = [
     "REFERENCE",
     "TOLD",
     "TRUE",
+    "Gaps",
     "Panel",
     "columns_figure",
     "figure_over_time",
@@ -40,12 +41,16 @@ __all__ = [
     "framed",
     "joint_figure",
     "label_times",
+    "labelled_gaps",
     "legend_below",
+    "mark_gaps",
     "path_figure",
     "servo_figure",
 ]
 
 
+Gaps: TypeAlias = Sequence[tuple[float, float]]
+"""(from, to) [s] without samples."""
 REFERENCE, MISSED, LIMIT, EVENT = "#000000", "#CC79A7", "#BBBBBB", "#009E73"
 MM = 1e3
 GRID: Mapping[str, Any] = {"visible": True, "color": "#DDDDDD", "linewidth": 0.6}
@@ -109,10 +114,11 @@ def figure_over_time(
     *,
     events: Mapping[str, Sequence[float]] | None = None,
     event: str = "",
+    gaps: Gaps = (),
 ) -> Figure:
     """A row for each panel, a column for each group of traces, a line for each controller of a group.
 
-    `events` are times [s] by group, numbered from 1; the legend calls them `event`.
+    `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched.
     """
     figure = framed(title, 9.0, 0.9 + 2.1 * len(panels))
     grid = figure.subplots(len(panels), len(groups), sharex="col", sharey="row", squeeze=False)
@@ -134,7 +140,21 @@ def figure_over_time(
                 axes.annotate(f" {i}", (when, 0.97), **at, **style)
     for axes, panel in zip(grid[:, 0], panels, strict=True):
         axes.set_ylabel(panel.label, fontsize=9)
+    mark_gaps([*grid.flat], gaps)
     return legend_below(figure, grid[0, 0], 3)
+
+
+def labelled_gaps(gaps: Gaps) -> Iterator[tuple[tuple[float, float], str]]:
+    """Gaps (from, to) [s] of a recording, the first with a label for all."""
+    label = f"no samples: {sum(b - a for a, b in gaps):.2g} s, bridged"
+    yield from ((gap, "_" if number else label) for number, gap in enumerate(gaps))
+
+
+def mark_gaps(panels: Sequence[Axes], gaps: Gaps) -> None:
+    """Hatch the gaps of a recording in panels over time."""
+    for (first, last), label in labelled_gaps(gaps):
+        for axes in panels:
+            axes.axvspan(first, last, hatch="//", facecolor="none", edgecolor=REFERENCE, alpha=0.4, label=label)
 
 
 def columns_figure(title: str, columns: Mapping[str, Any]) -> dict[str, Figure]:

@@ -29,6 +29,7 @@ from rehab_opt.session.drawing import (
     LAW_NAMES,
     LAW_STYLES,
     MM,
+    Gaps,
     Panel,
     figure_over_time,
     joint_figure,
@@ -186,8 +187,9 @@ STAYS, FASTEST, NOISE, APPROACH, STEP = 1.0, 5.0, 0.02, 0.1, 0.02
 """[s] at a path's end; [m/s, m] from sample to sample at most; [m/s, s] of the way to a path's beginning."""
 
 
-def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...]]:
-    """Poses (N, 4, 4) and twists (N, 6) along a file's points, turned as the starting pose (4, 4); notes on the file.
+def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...], Gaps]:
+    """Poses (N, 4, 4) and twists (N, 6) along a file's points, turned as the starting pose (4, 4); notes on the file,
+    and its gaps (from, to) [s] on the clock of the poses.
 
     Raises
     ------
@@ -222,7 +224,7 @@ def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Arr
     turn, gap = np.tile(quaternions_of(start[None, :3, :3]), (len(time), 1)), float(np.ptp(time)) + 1
     with refused_as(path.file):
         found = conditioned(time, points, turn, dt=1 / rate, cutoff_hz=path.cutoff_hz, max_gap=gap, max_speed=1e6)
-    return found.poses, found.twists, recording.notes
+    return found.poses, found.twists, recording.notes, tuple((a - time[0], b - time[0]) for a, b in recording.gaps)
 
 
 class _AmongMoving(Following):
@@ -262,13 +264,15 @@ class PoseTrackingScene(Scene):
         problem = self.problem = config.problem
         self._file, self._solver, self.title, self.device = config.file, solver, problem.title, device_of(problem.plant)
         self.chain, self.start = robot_at_start(config)
-        self.dt, self.names, self.said = 1 / problem.tracker.rate_hz, tuple(self.chain.names), tuple[str, ...]()
+        self.dt, self.names = 1 / problem.tracker.rate_hz, tuple(self.chain.names)
+        self.said: tuple[str, ...] = ()
+        self.gaps: Gaps = ()
         pose = self.chain.pose(self.start)
         if problem.circle is not None:
             times = self.dt * np.arange(round(problem.circle.duration_s / self.dt) + 1, dtype=np.float64)
             self.poses, self.twists = circle_reference(pose, problem.circle, times)
         elif problem.path is not None:
-            self.poses, self.twists, self.said = path_reference(config, problem.path, pose)
+            self.poses, self.twists, self.said, self.gaps = path_reference(config, problem.path, pose)
         self.ticks, around, self.bodies = len(self.poses), problem.clearance, ArmBodies(self.chain)
         self._moving = around if around is not None and around.moving else None
         self.layout = {"q": self.chain.n, "target": 3, "force": 3}
@@ -426,7 +430,7 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
         found = {
             "tool_path": path_figure(title, trace["reference"], {"optimised": trace["tool"]}),
             "joints": joint_figure(title, scene.chain, joints),
-            "error": figure_over_time(errors, {"": {"optimised": trace}}, panels),
+            "error": figure_over_time(errors, {"": {"optimised": trace}}, panels, gaps=scene.gaps),
         }
         if "velocity" in trace:
             found["servos"] = servo_figure(title, scene.names, trace)

@@ -232,3 +232,17 @@ def test_a_path_that_jumps_is_refused_and_what_is_strange_is_told(tmp_path: Path
     points[60:last, 1] += 0.4
     with pytest.raises(ProblemFileError, match=r"path\.csv: points = 'a jump at [0-9.]+ s': expected a path without"):
         checked(load_problem(written(tmp_path, points)))
+
+
+def test_gaps_of_a_recorded_path_are_drawn_beside_the_error(tmp_path: Path) -> None:
+    time = np.arange(0.0, 3.0, 0.02)
+    seen = ~((time > 1.0) & (time < 1.4)) & ~((time > 2.0) & (time < 2.3))
+    rows = [f"{t:.2f},{0.03 * np.sin(t):.5f},{0.02 * t:.5f}" for t in time[seen]]
+    (tmp_path / "path.csv").write_text("\n".join(["t_s,x_m,y_m", *rows]))
+    (tmp_path / "mine.toml").write_text(PATH)
+    outcome = run_problem(load_problem(str(tmp_path / "mine.toml")))
+    (error,) = [each for key, each in system_named(outcome.system).figures(outcome).items() if key == "error"]
+    for axes in error.axes:
+        spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+        np.testing.assert_allclose([(span.x0, span.x1) for span in spans], [(1.0, 1.4), (2.0, 2.3)], atol=0.021)
+    assert "no samples: 0.7 s, bridged" in {each.get_text() for each in error.legends[0].get_texts()}

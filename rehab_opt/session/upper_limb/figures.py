@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,9 @@ from rehab_opt.session.drawing import (
     framed,
     joint_figure,
     label_times,
+    labelled_gaps,
     legend_below,
+    mark_gaps,
 )
 from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.upper_limb.drive import law_columns
@@ -60,7 +61,7 @@ def _hand_path(outcome: Outcome, scene: Any, of: dict[str, dict[str, Any]]) -> F
         fraction = 100 * (1 - outcome.metrics["reachable_fraction_of_length"])
         label = f"out of this arm's reach ({fraction:.0f} % of the path)"
         axes.plot(*path[~reachable, :2].T, "x", color=MISSED, markersize=5, label=label)
-    for (first, last), label in _labelled(scene.recording.gaps):
+    for (first, last), label in labelled_gaps(scene.recording.gaps):
         bridge = path[(time >= first) & (time <= last)]
         axes.plot(bridge[:, 0], bridge[:, 1], color=MISSED, linewidth=9, alpha=0.3, zorder=1, label=label)
     for law, each in of.items():
@@ -70,12 +71,6 @@ def _hand_path(outcome: Outcome, scene: Any, of: dict[str, dict[str, Any]]) -> F
     axes.set(aspect="equal", adjustable="datalim", xlabel=ACROSS, ylabel=FORWARD)
     axes.grid(**GRID)
     return legend_below(figure, axes, 2)
-
-
-def _labelled(gaps: tuple[tuple[float, float], ...]) -> Iterable[tuple[tuple[float, float], str]]:
-    """Where the recording has no samples [s], the first with what a legend says of all."""
-    said = f"no samples: {sum(b - a for a, b in gaps):.2g} s, bridged"
-    return ((gap, "_" if number else said) for number, gap in enumerate(gaps))
 
 
 def _errors(
@@ -95,9 +90,7 @@ def _errors(
         for axes in panels:
             _shade_missed(axes, time, ~reachable)
         distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
-    for (first, last), label in _labelled(scene.recording.gaps):
-        for axes in panels:
-            axes.axvspan(first, last, hatch="//", facecolor="none", edgecolor=REFERENCE, alpha=0.4, label=label)
+    mark_gaps(panels, scene.recording.gaps)
     labels = "position error [mm]", "handle tilt [deg]", "later [s]"
     label_times(panels, *labels, time="time of the recording [s]", from_zero=True)
     distance.set_ylim(0, max(1.0, 1.08 * max(float(MM * each["drive_position_error_m"].max()) for each in of.values())))
