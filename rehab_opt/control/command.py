@@ -66,6 +66,6 @@ class Command(NamedTuple):
     scale: float
     """Delivered fraction of the commanded motion, 0 to 1; 1 if none is commanded. For a tracker it is along the
     reference twist with feedback, for assistance along the desired force. Less than 0.001 (of at most `force_limit`)
-    counts as 0: `BLOCKED`."""
+    counts as 0: `BLOCKED`. For a `MirrorTracker` it is the pace of the clock, 0 while it waits."""
     wheels: NDArray[np.float64] | None = None
     """Wheel speeds [rad/s] for `value`, if there are wheels."""

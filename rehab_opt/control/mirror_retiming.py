@@ -147,11 +147,16 @@ def _passed(
 
 
 def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
-    """(M,) [m/s] The tool's largest speed in ticks from q at joint velocities (M, n)."""
+    """(M,) [m/s] The tool's largest speed in ticks from q at joint velocities (M, n).
+
+    An angular speed counts as the linear one that is the same fraction of its limit.
+    """
     chain, dt = tracker.chain, tracker.dt
     at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)
-    held = [ca.norm_2(chain.jacobian_expression(at + part * dt * change)[:3, :] @ change) for part in (0, 1)]
-    most = ca.fmax(*held) + dt**2 / 8 * tool_jerk(chain, at, change, dt)
+    twists = [chain.jacobian_expression(at + part * dt * change) @ change for part in (0, 1)]
+    linear = ca.fmax(*(ca.norm_2(twist[:3]) for twist in twists)) + dt**2 / 8 * tool_jerk(chain, at, change, dt)
+    angular = ca.fmax(*(ca.norm_2(twist[3:]) for twist in twists))
+    most = ca.fmax(linear, tracker.linear_speed / tracker.angular_speed * angular)
     fast = ca.Function("fast", [at, change], [most])
     return np.array(fast.map(len(q))(q.T, velocities.T)).ravel()
 

@@ -129,7 +129,9 @@ def remove(
 def report(
     study: StudyFolder,
     person: Somebody = None,
-    out: Annotated[Path | None, typer.Option(help="The page; <study>-report.html by default.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The page; STUDY-report.html or STUDY-PERSON-report.html by default.")
+    ] = None,
     pdf: Annotated[Path | None, typer.Option(help="The page as PDF, too; chromium prints it.")] = None,
 ) -> None:
     """Write a study, or one person of it, as one page: progress, workspace, best and worst trials, forces, safety."""
@@ -137,7 +139,11 @@ def report(
     from rehab_opt.study.report import report_html, write_pdf  # noqa: PLC0415
     from rehab_opt.study.store import private  # noqa: PLC0415
 
-    page = out if out is not None else study.parent / f"{study.resolve().name}-report.html"
+    page = (
+        out
+        if out is not None
+        else study.parent / f"{'-'.join(filter(None, (study.resolve().name, person)))}-report.html"
+    )
     taken = set[Path]()
     for argument, file in (("--out", page), ("--pdf", pdf)):
         if file is None:

@@ -111,6 +111,7 @@ def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
     """
     check_there(study, person)
     home, recordings, others = study.folder / person, dict[Path, None](), []
+    known = content_of(study.folder / MARK)  # unreadable, it must not leave half of a person
     with study.writing():
         for folder in home.glob("*/*/"):
             with suppress(RehabOptError):  # what cannot be read goes all the same
@@ -119,7 +120,6 @@ def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
                         recordings |= {path: None} if path.exists() else {}
                     else:
                         _forget(path, kind, person)
-        known = content_of(study.folder / MARK)
         written = known.get("written", [])
         for path in (Path(path) for path, of in written if of in (None, person)):
             others += [path] if path.exists() and [str(path), None] in written else []

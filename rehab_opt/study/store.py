@@ -58,7 +58,11 @@ class Study(Index):
                     made.write("{}\n")
                 mark.chmod(0o600)
             if not mark.is_file():
-                raise ConfigurationError("study", str(folder), "a study's folder (rehab-opt run --study makes one)")
+                raise ConfigurationError(
+                    "study",
+                    str(folder),
+                    f"a study's folder, with {MARK} in it (rehab-opt run --study makes one; a lost {MARK} is {{}})",
+                )
             if folder.stat().st_mode & 0o077 and os.access(folder, os.W_OK):
                 folder.chmod(0o700)
         except OSError as problem:

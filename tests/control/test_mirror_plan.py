@@ -2,6 +2,7 @@
 
 import functools
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -211,3 +212,18 @@ def test_a_passage_that_takes_days_is_not_laid_out_in_ticks(monkeypatch: pytest.
     verdict = judge.run(1, 62150014, only=85)
     assert verdict.ticks > 200
     assert not verdict.kinds, verdict.broken
+
+
+@pytest.mark.parametrize("angular_speed", [0.3, 0.6])
+def test_a_plan_turns_the_hand_no_faster_than_it_may(angular_speed: float) -> None:
+    arm, dt = ur5(), 1e-2
+    start = np.array([0.3, -1.2, 1.5, -1.8, -1.57, 0.2])
+    time, pose = dt * np.arange(300), arm.pose(start)
+    poses, twists = np.tile(pose, (len(time), 1, 1)), np.zeros((len(time), 6))
+    poses[:, :3, :3] = Rotation.from_rotvec(np.outer(0.6 * np.sin(2 * time), [0, 0, 1])).as_matrix() @ pose[:3, :3]
+    twists[:, 5] = 1.2 * np.cos(2 * time)
+    robot = MirrorTracker(arm, dt=dt, angular_speed=angular_speed, max_manipulability=LARGEST, compile=False)
+    path = robot.plan(poses, twists, start)
+    turned = [Rotation.from_matrix(each[:3, :3]) for each in path.poses]
+    speeds = [(b * a.inv()).magnitude() / dt for a, b in pairwise(turned)]
+    assert 0.9 * angular_speed < max(speeds) <= 1.0001 * angular_speed

@@ -74,9 +74,11 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     w = manipulability(np.vstack([q, ahead[-1:]]))
     verdict.within("manipulability below the floor", np.minimum(w[:-1], given.floor) - w[1:], 1e-9)
     verdict.within("error of the manipulability that is told", np.abs(path.manipulability - w[1:]), 1e-9)
-    linear = np.stack([hand_twist(q + part * dt * v, v)[:, :3] for part in INSTANTS])
-    fast = np.linalg.norm(linear, axis=2).max(axis=0) / given.linear_speed
+    twists = np.stack([hand_twist(q + part * dt * v, v) for part in INSTANTS])
+    fast, turning = (np.linalg.norm(twists[:, :, part], axis=2).max(axis=0) for part in (slice(3), slice(3, 6)))
+    fast = fast / given.linear_speed
     verdict.within("hand speed over the largest, at every instant", fast, 1.02)
+    verdict.within("turn of the hand over the largest, at every instant", turning / given.angular_speed, 1.02)
     true = tool(q)
     verdict.within("poses away from the tool's", np.abs(path.poses - true), 1e-9)
     apart = np.linalg.norm(true[:, :3, 3] - path.references[:, :3, 3], axis=1)
