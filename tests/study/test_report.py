@@ -193,9 +193,9 @@ def test_the_command_writes_a_page_for_its_owner_alone(
         with pytest.raises(SystemExit) as done:
             main(["report", str(study.folder), *words])
         assert done.value.code == code
-    assert stat.S_IMODE((tmp_path / "study-report.html").stat().st_mode) == 0o600
+    assert stat.S_IMODE((tmp_path / "study-P-report.html").stat().st_mode) == 0o600
     printed = capsys.readouterr()
-    assert "study-report.html" in printed.out
+    assert "study-P-report.html" in printed.out
     assert "somebody in this study" in printed.err
 
 
