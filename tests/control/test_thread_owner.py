@@ -76,7 +76,7 @@ def test_a_second_thread_is_refused_and_changes_nothing(name: str, other: Other)
     controller, tick = as_new(name)
     _, undisturbed = as_new(name, 1)
     assert_same(tick(), undisturbed())
-    with pytest.raises(SharingError, match=r"belongs to thread 'MainThread'.*not to 'second'.*make one for each"):
+    with pytest.raises(SharingError, match=r"belongs to thread 'MainThread'.*not to 'second'.*make one per thread"):
         other.does(tick)
     with pytest.raises(SharingError):
         other.does(lambda: CASES[name].reset(controller))

@@ -16,7 +16,7 @@ from tests.judge.references import KINDS, good_posture, minimum_jerk, reference
 from tests.judge.ur5_numbers import hand_twist, manipulability, tool
 from tests.judge.verdict import Verdict
 
-GUARANTEES = ("G19",)
+GUARANTEES = ("G17", "G19")
 LEAST = {"at the largest hand speed": 250, "slowed": 20_000, "lost sight": 1000, "reference read": 100_000,
          "easy": 50_000, "complete": 100_000}  # fmt: skip
 CI_TICKS = 6000

@@ -116,25 +116,6 @@ def test_a_robot_is_led_and_its_delay_measured(robot: RemoteDevice, server: Serv
         _ = robot.measured
 
 
-def test_a_slider_at_half_speed_is_read_and_the_arm_arrives_all_the_same(robot: RemoteDevice, server: Server) -> None:
-    begin = server.position.copy()
-    arm, target = ur5(velocity=1.0), begin + 0.05
-    tracker = PoseTracker(arm, dt=robot.dt, linear_speed=0.25, compile=False, max_age=WATCHDOG)
-    server.order(slowed=0.5)
-    pose = arm.pose(target)
-    loop = Loop(robot, lambda tick: tracker.step(tick.seen.position, pose, np.zeros(6), enable=tick.enabled),
-                max_age=WATCHDOG)  # fmt: skip
-
-    def there() -> bool:
-        return bool(np.abs(arm.pose(server.position) - pose).max() < 1e-3)
-
-    report = loop.run(seconds=PATIENCE, until=there)
-    assert report.reason == "on request", report
-    assert report.scaling == 0.5
-    assert "at 50 % of the commanded speed" in str(report)
-    assert server.comes_to_rest()
-
-
 def delay_once_in_time(robot: RemoteDevice) -> float:
     """[s] A machine too busy to measure refuses to."""
     for _ in range(5):
@@ -242,3 +223,22 @@ def test_a_swing_that_is_none_is_refused() -> None:
     plant.reset(START)
     wrong = [("joint", 6), ("joint", 1.0), ("speed", float("nan")), ("speed", 2.0), ("speed", 0.0)]
     refuses(partial(measured_delay, plant), *(({name: value}, name) for name, value in wrong))
+
+
+def test_a_slider_at_half_speed_is_read_and_the_arm_arrives_all_the_same(robot: RemoteDevice, server: Server) -> None:
+    begin = server.position.copy()
+    arm, target = ur5(velocity=1.0), begin + 0.05
+    tracker = PoseTracker(arm, dt=robot.dt, linear_speed=0.25, compile=False, max_age=WATCHDOG)
+    server.order(slowed=0.5)
+    pose = arm.pose(target)
+    loop = Loop(robot, lambda tick: tracker.step(tick.seen.position, pose, np.zeros(6), enable=tick.enabled),
+                max_age=WATCHDOG)  # fmt: skip
+
+    def there() -> bool:
+        return bool(np.abs(arm.pose(server.position) - pose).max() < 1e-3)
+
+    report = loop.run(seconds=PATIENCE, until=there)
+    assert report.reason == "on request", report
+    assert report.scaling == 0.5
+    assert "at 50 % of the commanded speed" in str(report)
+    assert server.comes_to_rest()

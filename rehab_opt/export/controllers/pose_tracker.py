@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -72,7 +71,7 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
     refuse_other_solvers(config, "tracker.solver")
     scene = PoseTrackingScene(config, None)
     tracker = tracker_of(problem, scene.chain, file=config.file)
-    run = scene.run(partial(progress, "following the path"))
+    run = scene.run(lambda _, *how_far: progress("following the path", *how_far))
     kept = thinned(len(run["t_s"]))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one tick of {step}, since the run is longer)"

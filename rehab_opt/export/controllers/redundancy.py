@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -131,7 +130,7 @@ def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress:
     scene = ArdisScene(config, None, drive)
     control, resolver = scene.control(), resolver_of(config, scene.robot, drive)
     listening = control.law = Listening(resolver_of(config, scene.robot, drive))
-    scene.run(partial(progress, f"{drive}, recorded"), control)
+    scene.run(lambda _, *how_far: progress(f"{drive}, recorded", *how_far), control)
     kept = thinned(len(listening.ticks))
     step = 1 if len(kept) < 2 else int(kept[1])
     part = "" if step == 1 else f" (one of {step}, since the run is longer)"
