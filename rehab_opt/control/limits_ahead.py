@@ -37,12 +37,13 @@ __all__ = [
 ROUNDING = 1e-10
 PLACES = (0.0, 1.0)
 """Of the way to rest, where a limit of the posture has its rows."""
-BRAKED = (0.0, 0.25, 0.5, 0.75)
+BRAKED = tuple(k / 8 for k in range(8))
 """Fractions of the way to rest at which hand speeds are checked."""
 CLEAR, BEND = 5e-5, 30.0
 """[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
 CLOSE = 2.0
-"""h is checked at three points only if their least value exceeds so many times their spread."""
+"""h is checked at three points only if their least value exceeds so many times their spread; from 1 on that is enough
+for h that is convex, or concave, along the way."""
 FLAT, ASIDE = 2e-3, 0.1
 """[1/rad] Slope that shows no way back from below zero; [rad or m] distance at which another slope is taken then."""
 PUSH = 0.3
@@ -149,7 +150,7 @@ class HandSpeed(Bound):
         return ca.vertcat(*over)
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(5,)"""
+        """(9,)"""
         place, jacobian = self._manoeuvre.place, self._chain.jacobian_expression
         later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
         twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
