@@ -71,7 +71,8 @@ def smooth_path(
         scalar stands for all.
     lower, upper : (n,) position bounds [u]; None or infinite for none.
     dt : tick [s].
-    tolerance : [u] largest deviation of an axis from the path.
+    tolerance : [u] largest deviation of an axis from the path. Below the recording's noise, or the jitter of its
+        stamps times the speed, the drive follows these, too, and the path takes several times as long.
 
     Raises
     ------

@@ -19,10 +19,11 @@ from rehab_opt.errors import ConfigurationError, DeviceLostError
 from rehab_opt.loop.messages import floats
 from rehab_opt.loop.remote import Reading, RemoteDevice
 
-__all__ = ["Ros2Driver", "connect_ros2", "driver", "joints_of"]
+__all__ = ["Ros2Driver", "connect_ros2", "driver", "fraction_of", "joints_of"]
 
 WATCHDOG = 0.1
 """[s]"""
+HUNDRED_PERCENT = b"\0\1\0\0" + struct.pack("<d", 100.0)
 UNHEARD, WAITING = 2.0, 1000
 """[s] to wait at the start for states of all joints; largest number of queued messages."""
 
@@ -34,6 +35,7 @@ def connect_ros2(
     locator: str = "tcp/127.0.0.1:7447",
     states: str = "joint_states",
     commands: str = "forward_velocity_controller/commands",
+    scaling: str = "speed_scaling_state_broadcaster/speed_scaling",
     watchdog: float = WATCHDOG,
     fifo: int | None = None,
 ) -> RemoteDevice:
@@ -48,6 +50,8 @@ def connect_ros2(
     ----------
     names : of the joints, in the order of the commands. rate_hz : of the loop.
     locator : address of the bridge or router. states, commands : topics, without the first slash.
+    scaling : topic of `std_msgs/Float64` with the robot's speed scaling [%], as the drivers of UR and Elite publish it;
+        100 % until it comes.
     watchdog : [s] without a joint state after which the robot counts as lost; it brakes after half of it without a
         command.
     fifo : priority of the driver's process, see `Loop`.
@@ -61,16 +65,16 @@ def connect_ros2(
     joints = list(names)
     if not joints or len(set(joints)) < len(joints):
         raise ConfigurationError("names", joints, "names of joints, each once")
-    options = {"names": joints, "locator": locator, "states": states, "commands": commands}
+    options = {"names": joints, "locator": locator, "states": states, "commands": commands, "scaling": scaling}
     return RemoteDevice(
         "ros2", options, joints=len(joints), dt=1 / rate_hz, name=f"{states} at {locator}", watchdog=watchdog, fifo=fifo
     )
 
 
 class Ros2Driver:
-    """A `Driver` for ROS 2; raises DeviceLostError without a connection or for an invalid joint state."""
+    """A `Driver` for ROS 2; raises DeviceLostError without a connection or for an invalid message."""
 
-    def __init__(self, names: list[str], locator: str, states: str, commands: str) -> None:
+    def __init__(self, names: list[str], locator: str, states: str, commands: str, scaling: str) -> None:
         zenoh: Any = import_module("zenoh")
         config = zenoh.Config()
         for key, value in (("mode", "client"), ("connect/endpoints", [locator]), ("scouting/multicast/enabled", False)):
@@ -82,11 +86,17 @@ class Ros2Driver:
         self._names, self._messages = names, deque[bytes](maxlen=WAITING)
         self._state = np.full((2, len(names)), math.nan)
         self._begun: float | None = time.monotonic()
-        self._subscriber = self._session.declare_subscriber(states, self._came)
+        self._scaling = HUNDRED_PERCENT
+        self._subscribers = [
+            self._session.declare_subscriber(*each) for each in ((states, self._came), (scaling, self._scaled))
+        ]
         self._publisher = self._session.declare_publisher(commands)
 
     def _came(self, sample: Any) -> None:
         self._messages.append(sample.payload.to_bytes())
+
+    def _scaled(self, sample: Any) -> None:
+        self._scaling = sample.payload.to_bytes()
 
     def read(self) -> Reading | None:
         """The state of all joints, once each has a new value."""
@@ -98,7 +108,7 @@ class Ros2Driver:
         if not missing.any():
             (position, velocity), self._begun = self._state, None
             self._state = np.full_like(self._state, math.nan)
-            return Reading(position, velocity, np.zeros(3))
+            return Reading(position, velocity, np.zeros(3), fraction_of(self._scaling))
         if came is not None and self._begun is not None and time.monotonic() - self._begun > UNHEARD:
             names = ", ".join(name for name, out in zip(self._names, missing, strict=True) if out)
             raise DeviceLostError(f"joint states come without a position of {names}")
@@ -120,6 +130,22 @@ class Ros2Driver:
         """Brake and disconnect."""
         self.brake()
         self._session.close()
+
+
+def fraction_of(message: bytes) -> float:
+    """The fraction in a `std_msgs/Float64` of percent.
+
+    Raises
+    ------
+    DeviceLostError : the message is truncated or has another encoding, or its number is negative or not finite.
+    """
+    try:
+        (percent,) = struct.unpack_from(_order(message) + "d", message, 4)
+    except (struct.error, ValueError) as wrong:
+        raise DeviceLostError(f"a speed scaling that cannot be read ({wrong})") from wrong
+    if not 0 <= percent < math.inf:
+        raise DeviceLostError(f"a speed scaling of {percent} %")
+    return float(percent) / 100
 
 
 driver = Ros2Driver
@@ -155,11 +181,16 @@ def _place(name: str, told: list[str], position: NDArray[np.float64]) -> int | N
     return places[0] if places else None
 
 
-def _parts(message: bytes) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+def _order(message: bytes) -> str:
+    """Byte order of a message, as `struct` writes it."""
     order = {b"\0\0": ">", b"\0\1": "<"}.get(message[:2])
     if order is None:
         raise ValueError(f"encoding {message[:2].hex()}")
-    body, place = message[4:], 8  # behind seconds and nanoseconds
+    return order
+
+
+def _parts(message: bytes) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+    order, body, place = _order(message), message[4:], 8  # behind seconds and nanoseconds
 
     def counted() -> int:
         nonlocal place

@@ -55,18 +55,20 @@ def test_joint_states_are_read_as_another_library_writes_them(seed: int) -> None
     assert np.isnan(joints_of(bytes(written), ["knee"])).all()
 
 
-def a_driver(monkeypatch: pytest.MonkeyPatch, names: list[str]) -> tuple[ros2.Ros2Driver, Callable[[bytes], None]]:
-    """A driver without a network, and what brings it a message."""
-    subscribers: list[Callable[[Any], None]] = []
-    session = SimpleNamespace(
-        declare_subscriber=lambda _, came: subscribers.append(came), declare_publisher=lambda _: None
-    )
+def a_driver(monkeypatch: pytest.MonkeyPatch, names: list[str]) -> tuple[ros2.Ros2Driver, Callable[..., None]]:
+    """A driver without a network, and what brings it a message on a topic."""
+    subscribers: dict[str, Callable[[Any], None]] = {}
+    session = SimpleNamespace(declare_subscriber=subscribers.__setitem__, declare_publisher=lambda _: None)
     zenoh = SimpleNamespace(
         Config=lambda: SimpleNamespace(insert_json5=lambda *_: None), open=lambda _: session, ZError=OSError
     )
     monkeypatch.setattr(ros2, "import_module", lambda _: zenoh)
-    driver = ros2.Ros2Driver(names, "", "", "")
-    return driver, lambda message: subscribers[0](SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: message)))
+    driver = ros2.Ros2Driver(names, "", "states", "", "scaling")
+
+    def come(message: bytes, topic: str = "states") -> None:
+        subscribers[topic](SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: message)))
+
+    return driver, come
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -108,6 +110,30 @@ def test_a_joint_that_never_comes_is_named_and_one_of_two_places_refused(monkeyp
     for told, at in ((["a", "a"], [1.0, 1.1]), (["a"], [1.0, 2.0]), ([], [1.0])):
         with pytest.raises(DeviceLostError, match="cannot be read"):
             joints_of(joint_state(3, told, at), ["a"])
+
+
+def test_speed_scaling_is_read_in_percent(monkeypatch: pytest.MonkeyPatch) -> None:
+    float64 = dynamic.serialize_dynamic("std_msgs/msg/Float64", "float64 data")["std_msgs/msg/Float64"]
+    driver, come = a_driver(monkeypatch, ["elbow"])
+    told: list[float] = []
+    for percent in (None, 100.0, 37.5, 0.0):
+        if percent is not None:
+            come(bytes(float64({"data": percent})), "scaling")
+        come(joint_state(1, ["elbow"], [0.1]))
+        reading = driver.read()
+        assert reading is not None
+        told.append(reading.scaling)
+    assert told == [1.0, 1.0, 0.375, 0.0]
+    for wrong in (
+        bytes(float64({"data": np.nan})),
+        bytes(float64({"data": -1.0})),
+        bytes(float64({"data": 1.0}))[:9],
+        b"",
+    ):
+        come(wrong, "scaling")
+        come(joint_state(2, ["elbow"], [0.1]))
+        with pytest.raises(DeviceLostError, match="a speed scaling"):
+            driver.read()
 
 
 def test_a_robot_that_a_problem_file_names_is_led_and_its_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
