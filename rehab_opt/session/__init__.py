@@ -1,1 +1,1 @@
-"""Closed-loop runs of a problem file: what is read, how it is run, what is reported."""
+"""Closed-loop runs of a problem file: reading it, running it and reporting the result."""

@@ -1,4 +1,4 @@
-"""Keys of an arm: segments, range of motion counted in one of two ways, plane."""
+"""Keys of a person's arm: segments, plane, and range of motion in one of two conventions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 RADIANS = 2 * math.pi
-"""[deg] A person none of whose joints gets further than this from any zero was measured in radians."""
+"""[deg] If all limits of a person are within this range, they were probably entered in radians."""
 RANGE_DEG: Mapping[str, tuple[float, float]] = {
     "scapular_retraction": (-60, 60),
     "glenohumeral_rotation": (-150, 150),
@@ -40,7 +40,8 @@ RANGE_DEG: Mapping[str, tuple[float, float]] = {
     "wrist_deviation": (-190, 5),
     "wrist_supination": (-120, 220),
 }
-"""[deg] of Table I's joints, wide: assumed ranges of modelled people are to pass, a goniometer's numbers are not."""
+"""[deg] Widest accepted limits of Table I's joints: they accept assumed ranges of modelled people, and refuse
+goniometer angles."""
 LOOKS = "does this count as a goniometer does? then say convention = 'goniometer'"
 
 
@@ -69,7 +70,7 @@ def _radians(pair: list[float]) -> tuple[float, float]:
 
 
 class RangeOfMotion(Section):
-    """A person's own joint limits, however they are counted."""
+    """A person's own joint limits, in either convention."""
 
     def by_joint(self) -> dict[str, tuple[float, float]]:
         """(lower, upper) [rad] by joint, as `human_arm` takes them."""
@@ -77,7 +78,7 @@ class RangeOfMotion(Section):
 
     @model_validator(mode="after")
     def angles_are_degrees(self) -> Self:
-        """Refuse a table in radians, in which no arm moves."""
+        """Refuse a table in radians: read as degrees, no arm could move."""
         pairs = {key: pair for key, pair in self if key.endswith("_deg")}
         if pairs and max(abs(limit) for pair in pairs.values() for limit in pair) <= RADIANS:
             key = max(pairs, key=lambda key: pairs[key][1] - pairs[key][0])
@@ -86,9 +87,9 @@ class RangeOfMotion(Section):
 
 
 class TableOneRange(RangeOfMotion):
-    """A person's own joint limits, counted as in Table I of Rossa et al.; equal ones lock the joint.
+    """A person's own joint limits in the convention of Table I of Rossa et al.; equal limits lock the joint.
 
-    The arm hangs, palm forward, where they are 0, 0, 90, 0, 0, 0, -90, 0.
+    For an arm that hangs with the palm forward, the angles are 0, 0, 90, 0, 0, 0, -90, 0.
     """
 
     scapular_retraction_deg: Limits
@@ -114,7 +115,7 @@ class TableOneRange(RangeOfMotion):
 
     @model_validator(mode="after")
     def limits_are_counted_as_table_i(self) -> Self:
-        """Refuse angles that no joint has, counted so."""
+        """Refuse angles that no joint reaches in this convention."""
         for joint, (least, most) in RANGE_DEG.items():
             pair = getattr(self, f"{joint}_deg")
             if not (least <= pair[0] and pair[1] <= most):
@@ -126,14 +127,14 @@ class TableOneRange(RangeOfMotion):
 class GoniometerRange(RangeOfMotion):
     """A person's own range as a goniometer measures it: AAOS names, zeros and signs, left and right alike.
 
-    Zero: the arm hangs, elbow straight, thumb forward, hand in line with the forearm. Each movement is measured alone,
-    and is [lower, upper] in the direction of its name: [-60, 180] is 60 deg of extension to 180 deg of flexion.
+    Zero: the arm hangs, elbow straight, thumb forward, hand in line with the forearm. Each movement is measured alone
+    as [lower, upper] in the direction of its name: [-60, 180] is 60 deg of extension to 180 deg of flexion.
     """
 
     convention: Literal["goniometer"]
-    """How the angles below are counted."""
+    """Convention of the angles below."""
     scapular_retraction_deg: Limits
-    """Negative: protraction; from the shoulder at rest."""
+    """Retraction from the shoulder at rest; negative: protraction."""
     shoulder_flexion_deg: Limits
     """In the sagittal plane; negative: extension."""
     shoulder_abduction_deg: Limits
@@ -141,7 +142,8 @@ class GoniometerRange(RangeOfMotion):
     shoulder_external_rotation_deg: Limits
     """Upper arm at the side, elbow at 90 deg, zero with the forearm forward; negative: internal rotation."""
     elbow_flexion_deg: Limits
-    """Zero is the straight arm; negative: hyperextension. `[30, 120]` lacks 30 deg of extension."""
+    """Zero is the straight arm; negative: hyperextension. `[30, 120]`: the elbow extends no further than 30 deg of
+    flexion."""
     forearm_pronation_deg: Limits
     """Elbow at 90 deg, zero with the thumb up; negative: supination."""
     wrist_flexion_deg: Limits
@@ -157,7 +159,7 @@ class GoniometerRange(RangeOfMotion):
 
     @model_validator(mode="after")
     def people_have_such_angles(self) -> Self:
-        """Refuse angles that nobody has, with what they look like."""
+        """Refuse angles that nobody has; the error names what they may be instead."""
         try:
             self.by_joint()
         except ConfigurationError as refused:
@@ -167,7 +169,7 @@ class GoniometerRange(RangeOfMotion):
 
 
 def _form_of_range(value: object) -> str:
-    """Which of the forms of `OneRange` a value has."""
+    """Which form of `OneRange` a value has."""
     if isinstance(value, GoniometerRange) or (isinstance(value, dict) and "convention" in value):
         return GONIOMETER
     return TABLE if isinstance(value, dict | RangeOfMotion) else NAME
@@ -179,39 +181,39 @@ OwnRange = (
     | Annotated[GoniometerRange, Tag(GONIOMETER)]
 )
 OneRange = Annotated[OwnRange, Discriminator(_form_of_range)]
-"""A range of the paper by name, a table of the eight joints, or what a goniometer measured."""
+"""A named range of the paper, a table of the eight joints, or goniometer angles."""
 
 
 class SegmentsSection(Section):
     """Segment lengths l0 to l3 of Table I."""
 
     acromiohumeral_mm: float = Field(default=130.0, ge=0, le=1000)
-    """l0."""
+    """Length l0."""
     humerus_mm: LongBone = 290.0
-    """l1, 50 to 1000."""
+    """Length l1, 50 to 1000."""
     forearm_mm: LongBone = 300.0
-    """l2, 50 to 1000."""
+    """Length l2, 50 to 1000."""
     hand_mm: float = Field(default=70.0, ge=0, le=1000)
-    """l3, to the middle of the grip."""
+    """Length l3, to the middle of the grip."""
 
 
 class ArmSection(Section):
-    """Whose arm."""
+    """The participant's arm."""
 
     side: Side
     """A right arm is the mirror image of the paper's left one."""
     range_of_motion: OneRange
     """`"regular"` or `"restricted"` (Table I of Rossa et al.), `"figure_3"` (the other reading of W_c), a table of the
-    eight joints' limits, or what a goniometer measured."""
+    eight joints' limits, or goniometer angles."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
-    """Largest angle between handle and vertical."""
+    """Largest angle between the handle and the vertical."""
     joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
-    """Largest speed of every joint, which caps that of a drive; by default `human_arm`'s (172), an assumption: the
+    """Largest speed of every joint, also an upper bound for the drive; default 172 of `human_arm`, an assumption: the
     paper gives none."""
     joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
-    """Largest acceleration of every joint, likewise; by default `human_arm`'s (1719)."""
+    """Largest acceleration of every joint, also an upper bound for the drive; default 1719 of `human_arm`."""
 
 
 LONGEST_NAME = 40
@@ -233,7 +235,7 @@ NamedRanges = Annotated[
     OwnRange | Annotated[dict[RangeName, OneRange], Field(min_length=1, max_length=12), Tag(NAMED)],
     Discriminator(_form_of_ranges),
 ]
-"""One range, or several by names of the user's choice."""
+"""One range of motion, or several with names that the user chooses."""
 AnyTilt = Annotated[
     Annotated[Literal["any"], Tag(NAME)] | Annotated[float, Field(ge=0, le=180), Tag(TABLE)],
     Discriminator(lambda value: NAME if isinstance(value, str) else TABLE),
@@ -241,41 +243,41 @@ AnyTilt = Annotated[
 
 
 class ArmInPlane(Section):
-    """Whose arm, in which plane, and where its shoulder stands."""
+    """The arm, its plane, and the position of its shoulder."""
 
     side: Side
     """A right arm is the mirror image of the paper's left one."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
     handle_tilt_deg: AnyTilt = 2.0
-    """Largest angle between handle and vertical, or `"any"` for no such bound."""
+    """Largest angle between the handle and the vertical, or `"any"` for no limit."""
     plane_height_m: Length = -0.24
-    """z of the plane in the frame of the shoulder."""
+    """Height z of the plane in the frame of the shoulder."""
     accuracy_mm: float = Field(default=1.0, ge=0.01, le=50)
-    """Largest distance between the boundary found and the true one."""
+    """Largest distance between the computed boundary and the true one."""
     shoulder_m: Triple = Field(default=[0.0, 0.0, 0.0])
-    """The shoulder in the robot's frame."""
+    """Position of the shoulder in the robot's frame."""
     shoulder_turn_deg: float = Field(default=0.0, ge=-360, le=360)
-    """Turn of the shoulder's axes in the robot's frame, counterclockwise from above."""
+    """Rotation of the shoulder's axes in the robot's frame, counterclockwise from above."""
 
 
 class ArmOfOneRange(ArmInPlane):
-    """With one range of motion."""
+    """An arm with one range of motion."""
 
     range_of_motion: OneRange
     """`"regular"`, `"restricted"` or `"figure_3"`, or a table of all eight joints' limits."""
 
 
 class ArmOfRanges(ArmInPlane):
-    """With one range of motion, or several to be compared."""
+    """An arm with one range of motion, or with several that are compared."""
 
     range_of_motion: NamedRanges
     """One range: `"regular"`, `"restricted"` or `"figure_3"`, or a table of all eight joints' limits. Or up to 12 of
-    them by names of your choice (no name ends in `_deg`), which are compared."""
+    them with names that you choose (no name ends in `_deg`), which are compared."""
 
 
 def ranges_by_name(ranges: Any) -> dict[str, str | RangeOfMotion]:
-    """The ranges of `NamedRanges` with what they are called; one that has no name is the person's "own range"."""
+    """The ranges of `NamedRanges` by name; a range without a name is called "own range"."""
     if isinstance(ranges, str):
         return {ranges: ranges}
     return {"own range": ranges} if isinstance(ranges, RangeOfMotion) else dict(ranges)

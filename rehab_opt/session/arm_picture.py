@@ -1,4 +1,4 @@
-"""A person's range of motion in words and in a picture: the arm at both ends of each movement."""
+"""A person's range of motion as text and as a picture of the arm at both ends of each movement."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
 
 LOWER, UPPER, TRUNK = "#D55E00", "#0072B2", "#BBBBBB"
 SAME = 1e-9
-"""[m] Origins of frames that are no further apart are one place."""
+"""[m] Frame origins closer than this count as one point."""
 THUMB = 0.06
-"""[m] drawn of the thumb, which is the handle's axis."""
+"""[m] Drawn length of the thumb, which is the handle's axis."""
 CROOKED = 45.0
-"""[deg] An elbow that stretches no further is rarer than one that was counted from 180 down."""
+"""[deg] An elbow that cannot extend past this angle was probably measured with 180 as straight."""
 BENT = {"elbow_flexion": math.pi / 2}
 
 
 class View(NamedTuple):
-    """From where a movement is seen: two axes of the shoulder's frame, and what the arm does beside it."""
+    """View of a movement: two axes of the shoulder's frame, and the arm's pose outside the movement."""
 
     across: int
     up: int
@@ -54,14 +54,16 @@ VIEWS: Mapping[str, View] = {
 
 
 def range_note(name: str, arm: SerialChain, *, side: str = "") -> str:
-    """The range of motion of an arm as a clinician says it, whatever it was counted in, and what it may be instead."""
+    """The range of motion of an arm in a clinician's terms, with a warning where a range looks like another
+    convention.
+    """
     said = [range_in_words(movement, *pair) + _looks_like(movement, *pair) for movement, pair in _measured(arm).items()]
     whose = f" of the {side} arm" if side else ""
     return f"range of motion {name!r}{whose}, as a goniometer reads it: {'; '.join(said)}"
 
 
 def _looks_like(movement: str, lower: float, upper: float) -> str:
-    """What else a range [rad] may mean, in words; nothing where it is a usual one."""
+    """What else a range [rad] may mean, in words; empty for a usual range."""
     low, high = math.degrees(lower), math.degrees(upper)
     if high > low and max(abs(low), abs(high)) <= RADIANS:
         return " (so narrow: degrees, not radians?)"
@@ -71,7 +73,7 @@ def _looks_like(movement: str, lower: float, upper: float) -> str:
 
 
 def range_figure(title: str, arm: SerialChain) -> Figure:
-    """A panel for each movement: the arm at its lower and upper end, all other movements at zero."""
+    """A figure with one panel for each movement: the arm at both ends of it, with all other movements at zero."""
     figure = framed(f"{title}\nEach movement alone, at both ends of its range; the short line is the thumb", 11.0, 6.4)
     panels = figure.subplots(2, 4).ravel()
     for axes, (movement, (lower, upper)) in zip(panels, _measured(arm).items(), strict=True):
@@ -96,9 +98,9 @@ def write_range_figures(arms: Mapping[str, SerialChain], paths: Sequence[Path], 
 
 
 def stick_arm(arm: SerialChain, angles: Mapping[str, float]) -> Array:
-    """(6, 3) [m] neck, shoulder, elbow, wrist, hand and the tip of the thumb where a goniometer reads these angles.
+    """(6, 3) [m] neck, shoulder, elbow, wrist, hand and thumb tip of an arm at these goniometer angles.
 
-    Fewer where segments have no length.
+    Segments of length zero give fewer points.
     """
     q = arm_posture(angles)
     places = ArmBodies(arm).frames(q)[:, :, 3]

@@ -1,4 +1,4 @@
-"""`[clearance]` of problem files: bodies, distances of a run, and a figure of both."""
+"""`[clearance]` of problem files: bodies, their distances in a run, and a figure of both."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Name = Annotated[str, Field(min_length=1, max_length=60)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 
 SHOWN = 4
-"""Pairs whose distance over time is drawn: those that came nearest."""
+"""Number of pairs whose distance over time is drawn, the closest ones."""
 LINK, BODY = "#0072B2", "#E69F00"
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
 
@@ -49,55 +49,55 @@ class ClearPlaneSection(Section):
     """A half-space that no link enters."""
 
     point_m: Triple
-    """Of the plane."""
+    """A point of the plane."""
     normal: Triple
-    """To the side where the robot may be."""
+    """Normal of the plane, towards the side where the robot may be."""
 
 
 class ClearCapsuleSection(Section):
-    """A bar or a ball that stands still."""
+    """A bar or ball at rest."""
 
     name: Name
-    """Stands in figures and numbers."""
+    """Name in figures and numbers."""
     start_m: Triple
     """One end of its axis."""
     end_m: Triple | None = None
-    """The other end; a ball without."""
+    """The other end; without it the body is a ball."""
     radius_m: float = Field(gt=0, le=5)
-    """Of the capsule."""
+    """Radius of the capsule."""
 
 
 class ClearMovingSection(ClearCapsuleSection):
-    """A bar or a ball that goes to and fro on a straight way, at rest at its ends; it sets out with the run."""
+    """A bar or ball that moves to and fro on a straight line, at rest at both ends; it starts with the run."""
 
     towards_m: Triple
-    """The way, from where the keys before say."""
+    """Vector from the position given by the keys above to the other end of the line."""
     period_s: float = Field(gt=0, le=3600)
-    """Of going there and coming back."""
+    """Time to go there and back."""
 
 
 class ClearBoxSection(Section):
-    """A box that stands still: a table top, a cupboard."""
+    """A box at rest: a table top, a cupboard."""
 
     name: Name
-    """Stands in figures and numbers."""
+    """Name in figures and numbers."""
     centre_m: Triple
-    """Of the box."""
+    """Centre of the box."""
     size_m: Annotated[list[Annotated[float, Field(gt=0, le=20)]], Field(min_length=3, max_length=3)]
-    """Along its own axes."""
+    """Edge lengths along the box's own axes."""
     turn_deg: Turns = Field(default=[0.0, 0.0, 0.0])
-    """Turned about the frame's x, then y, then z."""
+    """Rotation about the frame's x, then y, then z axis."""
 
 
 class ClearPersonSection(Section):
-    """A person's arm, at a posture that it is held in; its radii are assumptions (`ARM_RADII`)."""
+    """A person's arm, held in one posture; its radii are assumptions (`ARM_RADII`)."""
 
     side: Side
-    """Of the person."""
+    """The arm's side."""
     shoulder_m: Triple
-    """Where the shoulder is."""
+    """Position of the shoulder."""
     facing_deg: float = Field(default=0.0, ge=-360, le=360)
-    """Where the person looks: 0 is the frame's x, counterclockwise."""
+    """Direction in which the person looks: 0 is the frame's x axis, counterclockwise."""
     angles_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )
@@ -105,18 +105,18 @@ class ClearPersonSection(Section):
 
 
 class ClearanceSection(Section):
-    """What the links, as capsules, keep clear of: each other and bodies, in the frame of the problem."""
+    """Bodies that the links (as capsules) avoid, in the frame of the problem; links also avoid each other."""
 
     margin_mm: float = Field(default=20.0, ge=0, le=1000)
-    """Distance kept from planes, capsules, boxes and the person."""
+    """Distance to keep from planes, capsules, boxes and people."""
     self_margin_mm: float = Field(default=0.0, ge=0, le=1000)
-    """Distance kept between links."""
+    """Distance to keep between links."""
     pairs: Annotated[list[Annotated[list[Name], Field(min_length=2, max_length=2)]], Field(max_length=100)] | None = (
         None
     )
-    """Names of links that keep clear of each other; by default all that can without being neighbours."""
+    """Pairs of links that avoid each other, by name; by default all pairs that can meet and are not neighbours."""
     rows: int = Field(default=8, ge=1, le=30)
-    """Contacts that make rows of the QP, the nearest ones."""
+    """Number of contacts that become rows of the QP, the nearest ones."""
     planes: list[ClearPlaneSection] = Field(default=[], max_length=20)
     """Half-spaces."""
     capsules: list[ClearCapsuleSection] = Field(default=[], max_length=50)
@@ -124,12 +124,14 @@ class ClearanceSection(Section):
     boxes: list[ClearBoxSection] = Field(default=[], max_length=50)
     """Boxes."""
     person: list[ClearPersonSection] = Field(default=[], max_length=4)
-    """Arms of people that stay where they are."""
+    """Arms of people, at rest."""
     moving: list[ClearMovingSection] = Field(default=[], max_length=20)
-    """Bars and balls that move; the controller gets where they are and how fast."""
+    """Bars and balls that move; the controller gets their positions and velocities."""
 
     def moving_at(self, time: ArrayLike) -> Array:
-        """(N, k, 14) numbers of what moves at times (N,) [s] after the run began, see `moving_numbers`."""
+        """(N, k, 14) numbers of the moving bodies at times (N,) [s] after the start of the run, see
+        `moving_numbers`.
+        """
         clock, found = np.atleast_1d(np.asarray(time, dtype=np.float64)), []
         for each in self.moving:
             way, rate = np.tile(each.towards_m, 2), 2 * np.pi / each.period_s
@@ -142,7 +144,7 @@ class ClearanceSection(Section):
 
 @dataclass(frozen=True, eq=False)
 class NearestBodies:
-    """How near the bodies of a run came to each other, N ticks.
+    """Distances between the bodies of a run of N ticks.
 
     Parameters
     ----------
@@ -158,13 +160,13 @@ class NearestBodies:
 
     @property
     def names(self) -> tuple[tuple[str, ...], ...]:
-        """Both bodies of every pair, those that move by the problem's names."""
+        """Names of both bodies of every pair; moving bodies have their names from the problem file."""
         known = {f"moving {i}": each.name for i, each in enumerate(self.section.moving)}
         return tuple(tuple(known.get(name, name) for name in pair) for pair in self.pairs.names)
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """The least distance beyond the margin, of whom and when."""
+        """Least distance beyond the margin, with its pair and time."""
         tick, pair = np.unravel_index(np.argmin(self.distances), self.distances.shape)
         return {
             "min_beyond_margin_m": float(self.distances[tick, pair]),
@@ -176,14 +178,14 @@ class NearestBodies:
 
     @property
     def start_notes(self) -> tuple[str, ...]:
-        """By how much, and where, the first posture is nearer than the margin; none where it is not."""
+        """How far, and where, the first posture is inside the margin; empty if it is outside."""
         pair = int(np.argmin(self.distances[0]))
         within, names = -MM * float(self.distances[0, pair]), " and ".join(self.names[pair])
         return (f"the robot starts {within:.3g} mm within the margin: {names}",) if within > 0 else ()
 
     @property
     def note(self) -> str:
-        """The same of the run in a sentence, after where it starts within the margin."""
+        """One sentence about the closest approach of the run; it follows the notes about the start."""
         of = self.metrics
         least, names = MM * of["min_beyond_margin_m"], " and ".join(of["of"])
         how = f"{-least:.3g} mm within" if least < 0 else f"no nearer than {least:.3g} mm beyond"
@@ -191,7 +193,7 @@ class NearestBodies:
         return "; ".join((*self.start_notes, said))
 
     def figure(self, title: str) -> Figure:
-        """Bodies seen from above and from the side where they were nearest, and distances over time."""
+        """Bodies at their closest approach, from above and from the side, and distances over time."""
         figure = framed(
             f"{title}\nLinks and bodies where they came nearest, and what is left before the margin", 9.5, 9.0
         )
@@ -213,7 +215,7 @@ class NearestBodies:
 
 
 def planes_of(sections: Sequence[Any], file: str, key: str) -> list[KeepOut]:
-    """Planes that a problem file states under `key`. Raises a `ProblemFileError` for a normal that is none."""
+    """The planes that a problem file defines under `key`. Raises `ProblemFileError` for a zero normal."""
     planes = []
     for i, each in enumerate(sections):
         try:
@@ -224,11 +226,11 @@ def planes_of(sections: Sequence[Any], file: str, key: str) -> list[KeepOut]:
 
 
 def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = False) -> list[Any]:
-    """The `Clearance` that a problem file states, as `limits` of a controller; none without such a table.
+    """The `Clearance` of a problem file, for a controller's `limits`; none without the table `[clearance]`.
 
     Raises
     ------
-    ProblemFileError : a normal that is none; bodies that move where the run has none, unless `moving`.
+    ProblemFileError : a zero normal; moving bodies in a run that cannot move them (`moving` is false).
     """
     if section is None:
         return []
@@ -261,7 +263,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
 
 
 def clearance_key(argument: str) -> str | None:
-    """Key of the problem file for a controller's `argument`, if that is of the clearance."""
+    """Key of the problem file for an `argument` of the controller, if it belongs to the clearance."""
     first, _, rest = argument.partition("limits[0]")
     if not first and rest:
         return "clearance" + rest.replace("[", ".").replace("]", "")
@@ -271,7 +273,7 @@ def clearance_key(argument: str) -> str | None:
 def nearest_bodies(
     section: ClearanceSection | None, file: str, chain: SerialChain, q: Array, time: Array
 ) -> NearestBodies | None:
-    """Of a run's postures (N, n) at times (N,) [s] of a problem file's bodies; None where nothing keeps clear."""
+    """Closest bodies for a run's postures (N, n) at times (N,) [s]; None without `[clearance]`."""
     if section is None:
         return None
     pairs = ClearancePairs(clearance_of(section, file, moving=True)[0], chain)
@@ -281,7 +283,7 @@ def nearest_bodies(
 
 
 def start_notes(section: ClearanceSection | None, file: str, chain: SerialChain, q: Array) -> tuple[str, ...]:
-    """What `NearestBodies.start_notes` says of a posture (n,)."""
+    """`NearestBodies.start_notes` for a posture (n,)."""
     near = nearest_bodies(section, file, chain, q[None], np.zeros(1))
     return () if near is None else near.start_notes
 

@@ -1,4 +1,4 @@
-"""Problem files: found by path or by the name of a shipped one, read, and checked to the last key."""
+"""Problem files: found by path or by the name of a shipped problem, read and validated."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 DESCRIPTION, DESCRIBED = "description", ("recording", "placement")
-"""Key that names a recording's description, and the tables of one."""
+"""Key that names the description of a recording, and the tables that a description may have."""
 
 TOML = {
     "Expected '='": "key = value",
@@ -49,11 +49,11 @@ TOML = {
     "Cannot": "each key and table once",
     "Duplicate": "each key and table once",
 }
-"""Beginnings of errors of Python's TOML reader, and plainer words for them."""
+"""Beginnings of the errors of Python's TOML reader, and plainer words for each."""
 
 
 def load_problem(file: str) -> ProblemFile[Any]:
-    """Read and check a problem file.
+    """Read and validate a problem file.
 
     Parameters
     ----------
@@ -68,24 +68,25 @@ def load_problem(file: str) -> ProblemFile[Any]:
 
 
 def problem_content(path: Path, file: str) -> dict[str, Any]:
-    """What a problem file says, its recordings' descriptions put in; raises as `load_problem`.
+    """Content of a problem file with the recordings' descriptions inserted; raises as `load_problem`.
 
     Parameters
     ----------
-    file : what errors call it.
+    file : name of the file in errors.
     """
     content: dict[str, Any] = _with_descriptions(_toml_content(path, file), path.parent, file)
     return content
 
 
 def recording_description(path: Path, file: str) -> dict[str, Any]:
-    """What a file says of one recording, for every problem and for `score`: a table `recording`, one `placement`.
+    """Description of one recording, for problems and for `score`: a table `recording` and optionally one `placement`.
 
-    The keys are those of a problem's tables of these names; `recording.file` lies beside the description.
+    The keys are those of the problem file's tables of the same names; the path `recording.file` is relative to the
+    description.
 
     Raises
     ------
-    ProblemFileError : it cannot be read, other tables, no `recording.file`.
+    ProblemFileError : the file cannot be read, has other tables, or has no `recording.file`.
     """
     content = _toml_content(path, file)
     for key, value in content.items():
@@ -103,10 +104,10 @@ def recording_description(path: Path, file: str) -> dict[str, Any]:
 
 
 def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
-    """A problem's content with the tables of the descriptions that it names.
+    """Content of a problem, with the tables of the descriptions that it names.
 
-    A table says `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror = true}` with keys of its
-    own; these, and a placement of its own, go before the description's.
+    A table is `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror = true}`; its own keys, and
+    a placement of its own, override the description's.
     """
     if isinstance(content, list):
         return [_with_descriptions(each, folder, file) for each in content]
@@ -144,7 +145,7 @@ def _toml_content(path: Path, file: str) -> dict[str, Any]:
 
 
 def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> ProblemFile[Any]:
-    """The problem that a file's content states, checked to the last key.
+    """The problem defined by a file's content, with every key validated.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> 
 
     Raises
     ------
-    ProblemFileError : an unknown system or key, a value out of its range.
+    ProblemFileError : an unknown system or key, or a value out of range.
     """
     system = content.get("system")
     if not isinstance(system, str) or system not in systems():
@@ -164,7 +165,7 @@ def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> 
 
 
 def problem_path(file: str) -> tuple[str, Path]:
-    """Name and place of a problem file; a path that exists goes before a shipped problem's name.
+    """Name and path of a problem file; an existing path takes precedence over the name of a shipped problem.
 
     Raises
     ------
@@ -184,17 +185,17 @@ def problem_path(file: str) -> tuple[str, Path]:
 
 
 def shipped_problems() -> dict[str, Path]:
-    """Name and file of every problem the project ships, in the order of their names."""
+    """Name and file of every shipped problem, in alphabetical order."""
     folder = shipped_folder()
     return {str(path.relative_to(folder).with_suffix("").as_posix()): path for path in sorted(folder.glob("*/*.toml"))}
 
 
 def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "recording.file") -> Path:
-    """Where the recording that a problem names under `key` lies: beside its file, or in the data folder (`data:`).
+    """Path of the recording that a problem names under `key`: relative to its file, or in the data folder (`data:`).
 
     Raises
     ------
-    ProblemFileError : it is absent.
+    ProblemFileError : the recording does not exist.
     """
     if reference.startswith(PREFIX):
         return data_file(reference, problem=config.file, key=key)
@@ -209,7 +210,7 @@ def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "
 
 
 def recording_state(config: ProblemFile[Problem]) -> str:
-    """Whether the recordings of a problem are there, in a few words."""
+    """Whether the recordings of a problem are available, in a few words."""
     needed = system_named(config.problem.system).recordings(config.problem)
     for each in needed:
         try:
@@ -222,7 +223,7 @@ def recording_state(config: ProblemFile[Problem]) -> str:
 
 
 def shipped_folder() -> Path:
-    """`problems` inside the installed package (a wheel), or at the top of the checkout."""
+    """Folder `problems` in the installed package (a wheel), or at the top of the checkout."""
     package = importlib.resources.files("rehab_opt")
     with importlib.resources.as_file(package) as root:
         installed = root / "problems"
@@ -230,7 +231,7 @@ def shipped_folder() -> Path:
 
 
 def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
-    """The first of pydantic's complaints, in this project's words."""
+    """The first validation error of pydantic, in this project's words."""
     first = problem.errors(include_url=False)[0]
     keys = [str(part) for part in first["loc"] if part not in FORMS]
     context: dict[str, Any] = first.get("ctx", {})
@@ -252,6 +253,6 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
 
 
 def _line_of(problem: tomllib.TOMLDecodeError, text: str) -> int:
-    """Line of a TOML error, counted from 1; the error object has it from Python 3.14 on, its text always."""
+    """Line of a TOML error, counted from 1; the error object has it since Python 3.14, its text always."""
     _, found, rest = str(problem).partition("(at line ")
     return int(rest.split(",")[0]) if found else text.count("\n") + 1

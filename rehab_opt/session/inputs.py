@@ -1,4 +1,4 @@
-"""Files that a result depends on, and a digest of them: equal digests need no second run."""
+"""Input files of a result and their digest: with an equal digest no second run is needed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ NUMERICS = ("casadi", "numpy", "scipy", "shapely")
 
 
 def input_files(config: ProblemFile[Any]) -> dict[str, dict[str, str]]:
-    """The files that a problem is made of, by key: what it calls each, and the SHA-256 of its content.
+    """The files of a problem, by key: each file's name in the problem and the SHA-256 of its content.
 
-    Of a robot file, which names others, it is that of the arm's numbers, as `inputs_digest` counts them.
+    For a robot file, which refers to other files, it is the digest of the arm's numbers, as in `inputs_digest`.
 
     Raises
     ------
-    ProblemFileError : a recording is absent or cannot be read.
+    ProblemFileError : a recording is missing or cannot be read.
     """
     contents = [(each.key, each.reference, content) for each, content in _contents(config)]
     if config.path.is_file():
@@ -40,11 +40,12 @@ def input_files(config: ProblemFile[Any]) -> dict[str, dict[str, str]]:
 
 
 def inputs_digest(config: ProblemFile[Problem]) -> str:
-    """SHA-256 of a problem, its recordings, the source of its kind and of this library, and versions of its numerics.
+    """SHA-256 of a problem, its recordings, the source code of its kind and of this library, and the versions of the
+    numerical libraries.
 
     Raises
     ------
-    ProblemFileError : a recording is absent or cannot be read.
+    ProblemFileError : a recording is missing or cannot be read.
     """
     digest = hashlib.sha256(software_digest().encode())
     problem = config.problem
@@ -66,7 +67,7 @@ def _contents(config: ProblemFile[Any]) -> Iterator[tuple[Needed, bytes]]:
 
 
 def _source_outside(kind: type) -> bytes:
-    """The source of a kind of problem of another distribution: its module, or all of the package that it is in."""
+    """Source code of a kind of problem from another distribution: its module, or the whole package around it."""
     package = kind.__module__.partition(".")[0]
     if package == __name__.partition(".")[0]:
         return b""
@@ -77,7 +78,7 @@ def _source_outside(kind: type) -> bytes:
 
 @cache
 def software_digest() -> str:
-    """The source itself, not its version: a checkout changes without one."""
+    """Digest of the source code, not of the version: a checkout changes without a new version."""
     digest = hashlib.sha256()
     with importlib.resources.as_file(importlib.resources.files("rehab_opt")) as package:
         for path in sorted(package.rglob("*.py")):

@@ -1,4 +1,4 @@
-"""The keys of a problem file from the schema that reads such files."""
+"""The keys of a problem file, derived from the schema that reads such files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Keys(NamedTuple):
     """The keys of one table of a problem file."""
 
     head: str
-    """Which table, and what it is; empty for the file itself."""
+    """Name and meaning of the table; empty for the file itself."""
     rows: list[tuple[str, str, str, str]]
     """Key, values, default, meaning."""
     refused: str
-    """What is refused of several keys together; or empty."""
+    """Combinations of keys that are refused; may be empty."""
 
 
 def sections_within(annotation: Any) -> list[type[BaseModel]]:
@@ -36,7 +36,7 @@ def sections_within(annotation: Any) -> list[type[BaseModel]]:
 
 
 def attribute_docstrings(owner: type) -> dict[str, str]:
-    """What stands below each attribute of a class, those it inherits included."""
+    """The docstring below each attribute of a class, including inherited ones."""
     said: dict[str, str] = {}
     ours = {"rehab_opt", owner.__module__.partition(".")[0]}
     for each in reversed(owner.__mro__):
@@ -86,7 +86,7 @@ def keys_of(
 
 
 def _refusals(schema: type[BaseModel]) -> str:
-    """What the checks over several keys refuse, in their own words."""
+    """Combinations that the validators of several keys refuse, from their docstrings."""
     checks = schema.__pydantic_decorators__.model_validators.values()
     lines = [inspect.getdoc(check.func) or "" for check in checks if check.info.mode == "after"]
     return "Refused: " + "; ".join(line.removeprefix("Refuse ").rstrip(".") for line in lines) + "." if lines else ""
@@ -103,7 +103,7 @@ def _is_list(plain: dict[str, Any], whole: dict[str, Any]) -> bool:
 
 
 def _forms(plain: dict[str, Any], whole: dict[str, Any]) -> list[dict[str, Any]]:
-    """The alternatives of a value, references followed, "none" left out."""
+    """The alternatives of a value, with references resolved and "none" left out."""
     if "$ref" in plain:
         return _forms(whole["$defs"][plain["$ref"].rpartition("/")[2]], whole)
     for word in ("anyOf", "oneOf", "allOf"):

@@ -1,4 +1,6 @@
-"""What a run leaves behind: numbers in strict JSON, each key with its unit, columns and notes. No files, no plots."""
+"""Results of a run: columns, notes, and numbers in strict JSON with the unit in each key. It writes no files and draws
+no plots.
+"""
 
 from __future__ import annotations
 
@@ -35,15 +37,15 @@ __all__ = [
 
 T = TypeVar("T")
 Array = NDArray[np.float64]
-"""Of which shape, and in which unit, docstrings say."""
+"""Shape and unit stand in each docstring."""
 Names = tuple[Any, ...]
-"""Of one of the scenes of a run, as (drive, controller) or (controller, trial)."""
+"""Name of one scene of a run, such as (drive, controller) or (controller, trial)."""
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+"""Called with the current step, the number of finished items, and the number of all items."""
 
 
 def with_progress(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:
-    """Item after item; `progress` is called for each when its turn comes, and when all are done."""
+    """Yield one item after the other; `progress` is called before each item and at the end."""
     for done, item in enumerate(items):
         progress(what, done, len(items))
         yield item
@@ -52,20 +54,20 @@ def with_progress(progress: Progress, what: str, items: Collection[T]) -> Iterat
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What every run has.
+    """Results common to all runs.
 
     Parameters
     ----------
-    notes : sentences a reader of the numbers has to know.
-    metrics : all numbers, nested.
-    traces, scenes : what was run, and what it left behind, by the names of the scenes.
-    labels : columns of trace.csv for these names; none where there is one scene.
-    table : numbers of each scene.
+    notes : sentences that a reader of the numbers must know.
+    metrics : all numbers, as nested dictionaries.
+    traces, scenes : the scenes of the run and their traces, by the names of the scenes.
+    labels : columns of trace.csv for these names; none for a single scene.
+    table : numbers of each scene, for the table.
 
     Attributes
     ----------
-    system, name, title, inputs, options : of the problem, files that it was made of (see `input_files`) and options
-        that it was run with. `run_problem` fills them in, and what the problem says as the metric "parameters".
+    system, name, title, inputs, options : of the problem, its input files (see `input_files`) and the options of the
+        run. `run_problem` sets them, and stores the problem's parameters as the metric "parameters".
     """
 
     notes: tuple[str, ...] = ()
@@ -81,7 +83,7 @@ class Outcome:
     options: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def trace(self) -> Iterable[tuple[str, NDArray[Any]]]:
-        """The columns of trace.csv: a row a sample, scenes one below the other."""
+        """The columns of trace.csv: one row for each sample, the scenes one below the other."""
         if self.labels:
             return stacked(self.traces, self.labels)
         (trace,) = self.traces.values()
@@ -89,13 +91,13 @@ class Outcome:
 
 
 MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
-"""What a reason measures, which differs from sample to sample."""
+"""The measured part of a reason, which differs from sample to sample."""
 
 
 def path_fractions(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
-    """Fraction of the path's length, and of its samples (time), over which `met` (N,) holds.
+    """Fraction of the path's length, and of its samples (time), over which `met` (N,) is true.
 
-    A step of the path counts half for either of its ends; where the hand rests the fraction of the length ignores it.
+    A step of the path counts half for each of its ends; samples at rest do not count in the fraction of the length.
     """
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     weights = np.concatenate((steps, [0.0])) + np.concatenate(([0.0], steps))
@@ -113,14 +115,14 @@ def error_metrics(error: Array, name: str, unit: str) -> dict[str, float]:
 
 
 def turn_angles(rotations: Array, references: Array) -> Array:
-    """(N,) [rad] angle of the rotation between two orientations (N, 3, 3), exact for small ones too."""
+    """(N,) [rad] rotation angle between two orientations (N, 3, 3), exact for small angles too."""
     # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
     chord = np.linalg.norm(rotations - references, axis=(1, 2)) / (2 * math.sqrt(2))
     return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
 
 
 def joint_metrics(chain: SerialChain, q: Array, rate: float) -> dict[str, Any]:
-    """Least distance to a joint limit and largest joint speed of q (N, n) sampled at `rate` [Hz].
+    """Least distance to a joint limit and largest joint speed of q (N, n), sampled at `rate` [Hz].
 
     The distance is negative outside a limit. Locked joints have no distance to a limit; all joints have a speed.
     """
@@ -151,15 +153,17 @@ def time_metrics(seconds: Array, name: str) -> dict[str, float]:
 
 
 def status_counts(statuses: Iterable[str]) -> dict[str, int]:
-    """How often each status occurs, the most frequent first."""
+    """Number of occurrences of each status, the most frequent first."""
     return dict(Counter(statuses).most_common())
 
 
 def reason_counts(reasons: Iterable[str]) -> dict[str, int]:
-    """How often each reason occurs, whatever it measures; the most frequent first. No reason is not counted."""
+    """Number of occurrences of each reason without its measured part, the most frequent first. An empty reason is not
+    counted.
+    """
     return status_counts(MEASURED.sub("", reason) for reason in reasons if reason)
 
 
 def finite(number: float) -> float | None:
-    """`number`, or None where JSON has no word for it (an unlimited joint is infinitely far from its limit)."""
+    """`number`, or None if JSON cannot express it (an unlimited joint is infinitely far from its limit)."""
     return float(number) if np.isfinite(number) else None

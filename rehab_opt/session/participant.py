@@ -1,4 +1,4 @@
-"""The participant of a problem: the arm, and the recorded path laid into the frame of its shoulder."""
+"""The participant of a problem: the arm, and the recorded path in the frame of its shoulder."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def participant_arm(section: ArmSection, *, file: str) -> SerialChain:
 
 
 def arm_of(side: Side, segments: SegmentsSection, ranges: AnyRange, *, file: str, key: str = "arm") -> SerialChain:
-    """An arm with a range of motion by its name or by its limits; `key` is where the problem file speaks of it.
+    """An arm with a range of motion given by name or by limits; `key` is its key in the problem file.
 
     Raises
     ------
-    ProblemFileError : the kinematics refuses a value of the file.
+    ProblemFileError : a value of the file is not valid for the arm.
     """
     chosen = ranges.by_joint() if isinstance(ranges, RangeOfMotion) else ranges
     with refused_as(file, f"{key}, {{}}".format):
@@ -48,11 +48,11 @@ def arm_of(side: Side, segments: SegmentsSection, ranges: AnyRange, *, file: str
 
 
 def checked_hand(recording: RecordingSection, *, side: Side, file: str) -> None:
-    """Refuse a path of the other hand that is not mirrored, and a path of the same hand that is.
+    """Refuse a path of the other hand without `mirror`, and a path of the same hand with it.
 
     Raises
     ------
-    ProblemFileError : mirroring is said explicitly, or the run would treat the wrong side.
+    ProblemFileError : `mirror` does not match the hands, so that the run would use the wrong side.
     """
     other = recording.hand != side
     if recording.mirror != other:
@@ -67,23 +67,23 @@ def checked_hand(recording: RecordingSection, *, side: Side, file: str) -> None:
 def placed_path(
     recording: Recording, placement: PlanarPlacement | PlacementSection, *, mirror: bool, file: str
 ) -> tuple[Array, str]:
-    """The path of the hand where the placement puts it, and a sentence on what was done to it.
+    """The path of the hand at its placement, and a sentence that describes the transformation.
 
-    Turned about the vertical, mirrored if it is the other hand's, scaled, and shifted so that the middle of its
-    bounding box lies at the centre, in this order; a third coordinate is projected away.
+    In this order, the path is turned about the vertical, mirrored if it is the other hand's, scaled, and shifted so
+    that the middle of its bounding box lies at the centre; a third coordinate is projected away.
 
     Parameters
     ----------
-    recording : points (N, 2) or (N, 3) [m]; the first two lie along the plane.
+    recording : points (N, 2) or (N, 3) [m]; the first two coordinates lie in the plane.
 
     Returns
     -------
-    path : (N, 3) [m], z up (0 where the placement names no plane), y forward, x to the participant's right.
+    path : (N, 3) [m], z up (0 if the placement has no plane), y forward, x to the participant's right.
     sentence : for the notes of the result.
 
     Raises
     ------
-    ProblemFileError : no points, `fit_m` of a path without extent, or a path out of any arm's reach.
+    ProblemFileError : no points, `fit_m` for a path without extent, or a path out of any arm's reach.
     """
     if recording.points.shape[1] < 2:
         raise ProblemFileError(file, "recording.columns", None, "the columns that hold the hand's x and y")
@@ -110,7 +110,7 @@ def placed_path(
 
 
 def projected(points: Array, forces: Array | None = None) -> list[str]:
-    """What is said of a third coordinate that is left out, of points (N, 2 or 3) [m] and forces on them [N], if any."""
+    """Note about a third coordinate that is dropped, of points (N, 2 or 3) [m] and any forces on them [N]."""
     said = [f"{1e3 * float(np.ptp(points[:, 2])):.0f} mm of height"] if points.shape[1] == 3 else []
     if forces is not None and forces.shape[1] == 3:
         said.append(f"up to {float(np.abs(forces[:, 2]).max()):.3g} N along it")
@@ -135,16 +135,16 @@ def placed_recording(
     rate: float,
     keys: str = "",
 ) -> tuple[Recording, Array]:
-    """The recording at `rate` [Hz] where the placement puts it, and its path (N, 3) [m] (z is 0 if it says none).
+    """The recording at `rate` [Hz] at its placement, and its path (N, 3) [m] (z is 0 without a plane).
 
     Parameters
     ----------
-    side : of the arm that is to follow it.
-    keys : what stands before `recording` and `placement` in the problem file, with its dot.
+    side : side of the arm that will follow the path.
+    keys : prefix of `recording` and `placement` in the problem file, with its dot.
 
     Raises
     ------
-    ProblemFileError : it is absent, unreadable, or of the other hand and not mirrored.
+    ProblemFileError : the recording is missing, unreadable, or of the other hand without `mirror`.
     """
     try:
         checked_hand(source, side=side, file=config.file)
@@ -161,7 +161,7 @@ def placed_recording(
 
 
 def _as_moved(recording: Recording) -> Recording:
-    """The recording as the hand moved, where its samples were held, repeated or rounded."""
+    """The motion of the hand, reconstructed from samples that were held, repeated or rounded."""
     time, points, notes = measured_path(recording.time, recording.points)
     if not notes:
         return recording

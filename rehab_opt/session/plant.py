@@ -1,4 +1,4 @@
-"""Which robot a problem is run on: the table `[plant]`, the option `--plant` that goes before it, and their plants."""
+"""The robot of a problem's run: the table `[plant]`, the option `--plant` that overrides it, and the plants."""
 
 from __future__ import annotations
 
@@ -44,56 +44,58 @@ P = TypeVar("P", bound=Problem)
 Simulated = Literal["ideal", "mujoco"]
 Kind = Literal["ideal", "mujoco", "ur", "franka", "ros2"]
 KINDS: tuple[Simulated, ...] = get_args(Simulated)
-"""What `--plant` takes: a robot that is there has an address, which stands in the file."""
+"""Values of `--plant`; a real robot needs an address, so it can only be set in the file."""
 DEVICES: tuple[Kind, ...] = ("ur", "franka", "ros2")
 DEVICE_KEYS = frozenset({"kind", "address"})
 Milliseconds = Annotated[float, Field(ge=0, le=1000)]
 
 
 class PlantTable(Section):
-    """Which robot, and how late and noisy the way to it is. The defaults are a choice: a usual network servo."""
+    """Kind of robot, and the delays and noise of its connection. The defaults are those of an ordinary network servo
+    (our choice).
+    """
 
     kind: Kind = "ideal"
-    """Which robot."""
+    """Kind of robot."""
     command_delay_ms: Milliseconds = 3.0
-    """From a command until it acts."""
+    """Time from a command until it acts."""
     command_jitter_ms: Milliseconds = 0.0
-    """Up to so much longer, drawn evenly; no command overtakes another."""
+    """Largest extra delay, uniformly distributed; commands keep their order."""
     measurement_delay_ms: Milliseconds = 2.0
-    """So old is what a controller sees."""
+    """Age of a measurement when the controller gets it."""
     measurement_jitter_ms: Milliseconds = 0.0
-    """Up to so much older, likewise."""
+    """Largest extra age, uniformly distributed; measurements keep their order."""
     physics_step_ms: float = Field(default=0.5, ge=0.01, le=5)
-    """At most; delays are exact to it, and never shorter."""
+    """Largest step of the physics; delays are multiples of it, rounded up."""
     seed: int = Field(default=0, ge=0, le=2**31)
-    """Of jitter and noise."""
+    """Seed of jitter and noise."""
 
     @property
     def keys(self) -> frozenset[str]:
-        """That a robot of this kind has."""
+        """Keys of this kind of robot."""
         if self.kind == "ideal":
             return frozenset({"kind"})
         return frozenset(type(self).model_fields) - DEVICE_KEYS | {"kind"} if self.kind == "mujoco" else DEVICE_KEYS
 
     @model_validator(mode="after")
     def each_kind_has_its_keys(self) -> Self:
-        """Refuse delays and noise of a robot that has none, rather than leave them out unsaid."""
+        """Refuse delays and noise for a kind of robot without them, instead of ignoring them."""
         if said := sorted(self.model_fields_set - self.keys):
             others = '"ur", "franka" or "ros2"' if said[0] in DEVICE_KEYS else '"mujoco"'
             raise refusal(said[0], getattr(self, said[0]), f"no such key but for kind = {others}")
         return self
 
     told_truly: ClassVar[str] = "places and speeds are"
-    """What the numbers and figures of a run have of the true robot."""
+    """Quantities of the true robot that a run's numbers and figures use."""
 
     @property
     def imperfections(self) -> str:
-        """Noise and lags besides the delays, in words."""
+        """Noise and lags besides the delays, as text."""
         raise NotImplementedError
 
     @model_serializer(mode="wrap")
     def without_keys_of_others(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Those of its kind alone, written as read."""
+        """Write only the keys of its own kind."""
         written: dict[str, Any] = whole(self)
         return {key: value for key, value in written.items() if key in self.keys}
 
@@ -102,33 +104,32 @@ class JointPlant(PlantTable):
     """An arm whose joints have servos."""
 
     kind: Kind = "ideal"
-    """Joints that move exactly as commanded, a robot with mass in MuJoCo, or one that is there, for `loop` and `live`:
-    of Universal Robots, Franka's, or of ROS 2, its joints named as here. `--plant` goes before it. An ideal robot has
-    no other keys, one that is there the next one."""
+    """Joints that move exactly as commanded (`ideal`), a robot with mass in MuJoCo, or, for `loop` and `live`, a real
+    robot: of Universal Robots, of Franka, or with ROS 2 and the joint names of this file. `--plant` overrides it. An
+    ideal robot has no other keys, a real robot only the next one."""
     address: str | None = Field(default=None, min_length=1)
-    """Of that robot's controller."""
+    """Network address of the real robot's controller."""
     servo: Literal["velocity", "position"] = "velocity"
-    """A proportional-integral servo of each joint's speed, or a critically damped spring to the position that the
-    commands add up to."""
+    """A proportional-integral servo of each joint's speed, or a critically damped spring to the integrated commands."""
     servo_hz: float = Field(default=24.0, gt=0, le=500)
-    """Where the servo follows by 3 dB less."""
+    """Bandwidth (-3 dB) of the servo."""
     position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
-    """Standard deviation of the encoders' noise."""
+    """Standard deviation of the encoder noise."""
     position_resolution_rad: float = Field(default=0.0, ge=0, le=0.1)
     """One count of the encoders."""
     payload_kg: float = Field(default=0.0, ge=0, le=10)
-    """At the tool, unknown to the servos but for its weight."""
+    """Mass at the tool; the servos compensate only its weight."""
 
     @model_validator(mode="after")
     def a_robot_that_is_there_has_an_address(self) -> Self:
-        """Refuse one without."""
+        """Refuse a real robot without an address."""
         if self.kind in DEVICES and self.address is None:
             raise refusal("address", None, f"the address of the robot of kind {self.kind!r}")
         return self
 
     @property
     def imperfections(self) -> str:
-        """Of encoders and servos."""
+        """Noise and lags of encoders and servos, as text."""
         noise = 1e3 * self.position_noise_rad
         return f"{noise:g} mrad of noise, a {self.servo} servo of {self.servo_hz:g} Hz"
 
@@ -137,19 +138,19 @@ class HandPlant(PlantTable):
     """A robot in the plane whose force on the hand is commanded."""
 
     kind: Simulated = "ideal"
-    """Joints that move exactly as commanded, or a robot with mass in MuJoCo; `--plant` goes before it. An ideal robot
-    has no other keys."""
+    """Joints that move exactly as commanded (`ideal`), or a robot with mass in MuJoCo; `--plant` overrides it. An ideal
+    robot has no other keys."""
 
     force_lag_ms: Milliseconds = 3.0
-    """Time constant of the motors' force, behind the robot's own force loop."""
+    """Time constant of the motor force, in addition to the robot's own force loop."""
     position_noise_m: float = Field(default=2e-5, ge=0, le=0.01)
-    """Standard deviation of the sensor's noise."""
+    """Standard deviation of the sensor noise."""
     position_resolution_m: float = Field(default=0.0, ge=0, le=0.01)
     """One count of the sensor."""
 
     @property
     def imperfections(self) -> str:
-        """Of the sensor and the motors."""
+        """Noise and lags of sensor and motors, as text."""
         return f"{1e3 * self.position_noise_m:g} mm of noise, {self.force_lag_ms:g} ms of lag of the force"
 
 
@@ -157,33 +158,33 @@ class ChairPlant(PlantTable):
     """A wheelchair with an arm."""
 
     kind: Simulated = "ideal"
-    """Joints that move exactly as commanded, or a robot with mass in MuJoCo; `--plant` goes before it. An ideal robot
-    has no other keys."""
+    """Joints that move exactly as commanded (`ideal`), or a robot with mass in MuJoCo; `--plant` overrides it. An ideal
+    robot has no other keys."""
 
     physics_step_ms: float = Field(default=1.0, ge=0.01, le=5)
-    """At most; delays are exact to it, and never shorter."""
+    """Largest step of the physics; delays are multiples of it, rounded up."""
     wheel_lag_ms: Milliseconds = 80.0
     """Time constant of each wheel's speed."""
     servo_hz: float = Field(default=24.0, gt=0, le=500)
-    """Where the velocity servo of the arm's joints follows by 3 dB less."""
+    """Bandwidth (-3 dB) of the velocity servo of the arm's joints."""
     position_noise_rad: float = Field(default=1e-4, ge=0, le=0.1)
-    """Standard deviation of the encoders' noise."""
+    """Standard deviation of the encoder noise."""
 
     told_truly: ClassVar[str] = "places are"
 
     @property
     def imperfections(self) -> str:
-        """Of the sensors and the wheels."""
+        """Noise and lags of sensors and wheels, as text."""
         noise, lag = 1e3 * self.position_noise_rad, self.wheel_lag_ms
         return f"{noise:g} mrad of noise, {lag:g} ms of lag of the wheels"
 
 
 def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
-    """The problem on the kind of plant of `--plant`; without that option, on the file's.
+    """The problem with the kind of plant of `--plant`, or else of the file.
 
     Raises
     ------
-    ConfigurationError : there is no such kind, or what it needs is not installed.
+    ConfigurationError : unknown kind, or a package that it needs is not installed.
     """
     if kind is not None and kind not in KINDS:
         raise ConfigurationError("--plant", kind, f"one of {', '.join(KINDS)}")
@@ -200,11 +201,11 @@ def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
 
 
 def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
-    """A simulated arm that takes joint velocities [rad/s]: a UR5, or one whose robot file has masses and efforts.
+    """A simulated arm for joint velocities [rad/s]: a UR5, or an arm whose robot file has masses and efforts.
 
     Raises
     ------
-    ConfigurationError : physics of an arm from a robot file that has not; a robot that is there.
+    ConfigurationError : physics for a robot file without masses or efforts; a real robot.
     """
     if table.kind in DEVICES:
         expected = (
@@ -230,16 +231,16 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
 
 
 def device_of(table: JointPlant) -> DeviceAddress | None:
-    """Where the robot of a table is; None of a simulated one."""
+    """Address of the robot of a table; None for a simulated robot."""
     return None if table.address is None else DeviceAddress(table.kind, table.address)
 
 
 def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *, own_arm: bool = False) -> Wheelchair:
-    """A chair that takes wheel speeds, and its arm's joint velocities [rad/s]: ARDIS, or with an arm from a robot file.
+    """A simulated chair for wheel speeds and joint velocities [rad/s]: ARDIS, or with an arm from a robot file.
 
     Raises
     ------
-    ConfigurationError : the file of such an arm has no masses, or no effort of a joint.
+    ConfigurationError : the file of the arm has no masses, or a joint without an effort.
     """
     from rehab_opt.plants.drives import VelocityServo  # noqa: PLC0415  (loads MuJoCo)
     from rehab_opt.plants.wheelchair import Wheelchair, own_chair_arm_model  # noqa: PLC0415
@@ -256,13 +257,13 @@ def chair_plant(table: ChairPlant, robot: MobileArm, wheels: Drive, dt: float, *
 
 
 def channel_of(table: PlantTable) -> Channel:
-    """Delays, jitter and noise of the table."""
+    """Delays, jitter and noise from the table."""
     known = {each.name for each in fields(Channel)}
     return Channel(**{name: value for name, value in table.arguments().items() if name in known})
 
 
 def plant_note(table: PlantTable, ideal: str) -> str:
-    """What a reader has to know of the robot: `ideal` says it of one that does as commanded."""
+    """Note about the robot for a reader of the results; `ideal` is the text for an ideal robot."""
     if table.kind == "ideal":
         return ideal
     both = table.command_delay_ms + table.measurement_delay_ms
@@ -273,5 +274,5 @@ def plant_note(table: PlantTable, ideal: str) -> str:
 
 
 def ms(milliseconds: float) -> float:
-    """[s]"""
+    """Milliseconds in [s]."""
     return 1e-3 * milliseconds

@@ -1,4 +1,4 @@
-"""`system = "pose_tracking"`: a robot whose tool follows a circle, or a path of a file, with `PoseTracker`."""
+"""`system = "pose_tracking"`: `PoseTracker` moves a robot's tool along a circle, or along a path from a file."""
 
 from __future__ import annotations
 
@@ -65,50 +65,50 @@ MAX_TICKS = 2_000_000
 
 
 class CircleSection(Section):
-    """A circle of the tool through its starting point, from rest to rest."""
+    """A circular path of the tool through its starting point, from rest to rest."""
 
     radius_m: float = Field(gt=0, le=1)
-    """Of the tool's path."""
+    """Radius of the tool's path."""
     normal: Triple = Field(default=[0.0, 0.0, 1.0])
-    """Axis of the circle; the tool sets out along normal x towards."""
+    """Axis of the circle; the first direction of motion is normal x towards."""
     towards: Triple = Field(default=[1.0, 0.0, 0.0])
-    """From the start to the centre (its part across `normal`)."""
+    """Direction from the start to the centre; only its component perpendicular to `normal` counts."""
     turns: float = Field(default=1.0, gt=0, le=100)
-    """How often round, from rest to rest."""
+    """Number of turns, from rest to rest."""
     duration_s: float = Field(gt=0, le=600)
-    """Of all turns together."""
+    """Duration of all turns together."""
     swing_deg: float = Field(default=0.0, ge=0, le=90)
-    """Largest turn of the tool about its own z axis."""
+    """Largest rotation of the tool about its own z axis."""
 
     @model_validator(mode="after")
     def directions_differ(self) -> Self:
-        """Refuse a circle without a plane."""
+        """Refuse parallel directions, which define no plane."""
         if np.sum(np.cross(self.normal, self.towards) ** 2) < 1e-12:
             raise PydanticCustomError("no_plane", "normal and towards neither zero nor parallel")
         return self
 
 
 class PathSection(RecordedSection):
-    """A path of the tool, which keeps its starting orientation, from rest to rest; what is not seen is bridged."""
+    """A path of the tool, from rest to rest, with the starting orientation; gaps in the recording are bridged."""
 
     from_start: bool = True
-    """The first point lies where the tool starts; where false, points are in the robot's base frame, and the tool
-    comes to the first one, straight and at 0.1 m/s, before the path begins."""
+    """If true, the first point is at the starting position of the tool; if false, points are in the robot's base frame,
+    and the tool first moves straight to the first point at 0.1 m/s."""
     cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
-    """Of the two equal poles of the filter that smooths it; the tool is as much later."""
+    """Cutoff of the smoothing filter (two equal poles); the filter delays the path."""
 
 
 class TrackerSection(Section):
     """The tracking controller, `PoseTracker`."""
 
     rate_hz: float = Field(default=1000.0, ge=10, le=10000)
-    """Ticks a second."""
+    """Ticks per second."""
     gain_per_s: float | None = Field(default=None, gt=0, le=10000)
-    """Rate at which a pose error decays, by default `PoseTracker`'s."""
+    """Rate at which a pose error decays; default: `PoseTracker`'s."""
     linear_speed_m_s: float = Field(default=1.0, gt=0, le=10)
     """Largest speed of the tool."""
     solver: SolverName | None = None
-    """By default `PoseTracker`'s; `--solver` replaces it."""
+    """Default: `PoseTracker`'s; `--solver` overrides it."""
 
 
 class PoseTracking(Problem):
@@ -118,19 +118,19 @@ class PoseTracking(Problem):
     robot: RobotSection
     """The robot."""
     circle: CircleSection | None = None
-    """The path, or `[path]`."""
+    """The circular path; either this or `[path]`."""
     path: PathSection | None = None
-    """The path, of a file, or `[circle]`."""
+    """The path from a file; either this or `[circle]`."""
     tracker: TrackerSection = TrackerSection()
     """The controller."""
     clearance: ClearanceSection | None = None
-    """What the arm keeps clear of; left out where there is no such table."""
+    """Bodies that the arm avoids; may be left out."""
     plant: JointPlant = JointPlant()
-    """On which robot it runs: see the plant's keys."""
+    """The plant, see the plant's keys."""
 
     @model_validator(mode="after")
     def one_path_fits_into_memory(self) -> Self:
-        """Refuse a run that is as long as it is dense, and two paths or none."""
+        """Refuse a run with too many ticks for the memory, and two paths or none."""
         if (self.circle is None) == (self.path is None):
             raise refusal("circle", self.circle, "a table [circle] or a table [path], one of them")
         rate, duration = self.tracker.rate_hz, 0.0 if self.circle is None else self.circle.duration_s
@@ -141,7 +141,7 @@ class PoseTracking(Problem):
 
 Config = ProblemFile[PoseTracking]
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz", "linear_speed": "tracker.linear_speed_m_s"}
-"""Where the problem file says what the tracker calls by its own name."""
+"""Keys of the problem file for the arguments of the tracker."""
 
 
 def tracker_of(
@@ -151,8 +151,8 @@ def tracker_of(
 
     Raises
     ------
-    ProblemFileError : it refuses a value of the file.
-    ConfigurationError : it refuses `solver`.
+    ProblemFileError : the tracker refuses a value of the file.
+    ConfigurationError : the tracker refuses `solver`.
     """
     keys = problem.tracker.arguments("gain_per_s", "linear_speed_m_s", "solver")
     keys |= {"solver": solver} if solver else {}
@@ -165,8 +165,8 @@ def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple
     """Poses (N, 4, 4) and twists (N, 6) of a circle through the starting pose (4, 4), from rest to rest.
 
     The phase a runs from 0 to 2 pi turns as a minimum-jerk polynomial of time. The centre lies `radius_m` from the
-    start in the direction `towards` (its part across `normal`); the tool swings about its own z axis by
-    swing (1 - cos a) / 2, so that it is back in its starting orientation after every turn.
+    start in the direction `towards` (its component perpendicular to `normal`); the tool rotates about its own z axis by
+    swing (1 - cos a) / 2, so it returns to its starting orientation after every turn.
     """
     normal, towards = (np.array(each) / np.linalg.norm(each) for each in (circle.normal, circle.towards))
     towards = towards - (normal @ towards) * normal
@@ -184,16 +184,16 @@ def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple
 
 
 STAYS, FASTEST, NOISE, APPROACH, STEP = 1.0, 5.0, 0.02, 0.1, 0.02
-"""[s] at a path's end; [m/s, m] from sample to sample at most; [m/s, s] of the way to a path's beginning."""
+"""[s] pause at a path's end; [m/s, m] largest step between samples; [m/s, s] approach to a path's beginning."""
 
 
 def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...], Gaps]:
-    """Poses (N, 4, 4) and twists (N, 6) along a file's points, turned as the starting pose (4, 4); notes on the file,
-    and its gaps (from, to) [s] on the clock of the poses.
+    """Poses (N, 4, 4) and twists (N, 6) along a file's points with the orientation of the starting pose (4, 4); also
+    notes on the file, and its gaps (from, to) [s] on the clock of the poses.
 
     Raises
     ------
-    ProblemFileError : a file that is absent, cannot be read, or is too long; points that jump, or too few of them.
+    ProblemFileError : the file is missing, unreadable or too long; points that jump, or too few of them.
     """
     file, rate = config.file, config.problem.tracker.rate_hz
     try:
@@ -228,7 +228,7 @@ def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Arr
 
 
 class _AmongMoving(Following):
-    """The tracker gets where bodies are, which go on in every tick, enabled or not."""
+    """Passes the tracker the positions of moving bodies, which move in every tick, whether enabled or not."""
 
     def __init__(self, tracker: PoseTracker, section: ClearanceSection, *followed: Any) -> None:
         super().__init__(tracker, *followed, then="again")
@@ -245,14 +245,14 @@ class _AmongMoving(Following):
 
 
 STILL = 1e-3
-"""[m/s, rad/s] A reference slower than this stands still: a solver may leave micrometres a second undelivered."""
+"""[m/s, rad/s] A slower reference counts as at rest: a solver may leave micrometres per second."""
 BEHIND, TURNED = 5e-3, math.radians(3.0)
-"""[m, rad] A tool farther from its path, or turned so much from it, did not follow it."""
+"""[m, rad] A tool further from its path, or turned further from it, counts as off the path."""
 AT_LIMIT, AT_SPEED, SINGULAR = math.radians(0.5), 0.98, 0.03
-"""[rad] from a joint's limit; fraction of the largest speed; least singular value of the Jacobian: from these on, a
-limit, a speed or a posture is why."""
+"""[rad] distance to a joint limit, fraction of the largest speed, and least singular value of the Jacobian beyond which
+a limit, a speed or a singular posture counts as the cause."""
 OFTEN, LOOKED_AT = 0.1, 200
-"""Fraction of the time behind from which a cause is named; ticks of it whose postures are looked at."""
+"""Fraction of the time off the path above which a cause is named, and number of postures examined."""
 
 
 class PoseTrackingScene(Scene):
@@ -289,7 +289,7 @@ class PoseTrackingScene(Scene):
         self.still = {**still, "lines": lines, "screen": screen(path), "centre": centre, "reach": 1.2}
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The tracker, and the file's plant unless there is another one."""
+        """The tracker with the file's plant, unless another plant is given."""
         tracker = tracker_of(self.problem, self.chain, file=self._file, solver=self._solver)
         plant = TouchedPlant(joint_plant(self.problem.plant, self.chain, self.dt)) if plant is None else plant
         followed = plant, self.start, self.poses, self.twists
@@ -298,7 +298,7 @@ class PoseTrackingScene(Scene):
         return _AmongMoving(tracker, self._moving, *followed)
 
     def derived(self, trace: Trace) -> None:
-        """The tool, and its distance from the reference."""
+        """The tool's pose, and its distance from the reference."""
         tool = np.array([self.chain.pose(q) for q in trace["joint"]])
         trace |= {"reference": self.poses[:, :3, 3], "tool": tool[:, :3, 3]}
         trace["position_error_m"] = np.linalg.norm(trace["tool"] - trace["reference"], axis=1)
@@ -307,16 +307,16 @@ class PoseTrackingScene(Scene):
             trace.parts |= {column: [f"{name}_{unit}" for name in self.names] for column in columns}
 
     def near(self, trace: Trace) -> NearestBodies | None:
-        """How near bodies came to each other; None without `[clearance]`."""
+        """Distances between bodies; None without `[clearance]`."""
         return nearest_bodies(self.problem.clearance, self._file, self.chain, trace["joint"], trace["t_s"])
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """And what moves."""
+        """The page's frame, with the moving bodies."""
         frame, moving = super().frame(shown), shown.get("bodies", np.zeros(0)).reshape(-1, MOVING)
         return frame | {"capsules": frame["capsules"] + moving_rows(moving)}
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Errors, margins, speeds, times."""
+        """Errors, margins, speeds and times."""
         chain, table, near = self.chain, self.problem.tracker, self.near(trace)
         own = inspect.signature(PoseTracker).parameters
         hard = np.abs(np.diff(trace["command"], axis=0, prepend=0.0)) / self.dt / chain.acceleration
@@ -347,7 +347,7 @@ class PoseTrackingScene(Scene):
         }
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Which robot it was; what was odd in the file; where the tool was off its path, and what kept it."""
+        """The plant; remarks on the file; where the tool was off its path, and why."""
         yield plant_note(self.problem.plant, "the robot is simulated: its joints move exactly as commanded")
         yield from (*self.said, *self.chain.notes)
         behind = ~((trace["position_error_m"] <= BEHIND) & (trace["orientation_error_rad"] <= TURNED))
@@ -358,7 +358,7 @@ class PoseTrackingScene(Scene):
             yield near.note
 
     def _left_behind(self, trace: Trace, behind: Any) -> NotMet:
-        """How far the tool was off in the ticks `behind` (N,), and what kept it."""
+        """Largest distance from the path in the ticks `behind` (N,), and its cause."""
         chain, q, velocity, tool = self.chain, trace["joint"], trace["command"], trace["tool"]
         error, turned = trace["position_error_m"], trace["orientation_error_rad"]
         most = self.problem.tracker.linear_speed_m_s
@@ -388,23 +388,23 @@ class PoseTrackingScene(Scene):
 
 
 CHECKED_HZ = 50.0
-"""At most, of the run that `check` reports."""
+"""Largest rate of the run that `check` makes."""
 
 
 class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
-    """A simulated robot that follows a circle, or a path of a file."""
+    """A simulated robot that follows a circle, or a path from a file."""
 
     schema = PoseTracking
     solver_key, rate_key = "tracker.solver", "tracker.rate_hz"
     first = ("position_error", "orientation_error", "joint_limit_margin", "scale", "status")
 
     def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
-        """The path's file, where it is no circle; the robot file."""
+        """The file of the path, if any, and the robot file."""
         path = () if problem.path is None else (Needed("path.file", problem.path.file),)
         return (*path, *robot_files(problem.robot))
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Builds robot and tracker; what `run` would note where joints move as commanded, at `CHECKED_HZ`."""
+        """Build robot and tracker; return the notes of a run with ideal joints at up to `CHECKED_HZ`."""
         problem, scene = config.problem, PoseTrackingScene(config, None)  # refused where its rate makes it too long
         tracker_of(problem, scene.chain, file=config.file)
         tracker = problem.tracker.model_copy(update={"rate_hz": min(problem.tracker.rate_hz, CHECKED_HZ)})
@@ -413,11 +413,11 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
         return tuple(notes)
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, PoseTrackingScene]:
-        """The path once."""
+        """One run along the path."""
         return {("optimised",): PoseTrackingScene(config, options.get("solver"))}
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """Path, joints, errors; servos of a robot that has some; distances of bodies."""
+        """Path, joints and errors; servos if the robot has them; distances between bodies."""
         title, (scene,), (trace,) = outcome.title, outcome.scenes.values(), outcome.traces.values()
         fastest = scene.chain.velocity
         joints = {LAW_NAMES["optimised"]: (trace["t_s"], trace["joint"], LAW_STYLES["optimised"])}

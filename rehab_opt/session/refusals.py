@@ -1,4 +1,4 @@
-"""Refusals of what the library was given, in the words of where it was given: a key of the file, or an option."""
+"""Errors about arguments of the library, renamed to what the user wrote: a key of the file, or an option."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def refused_as(
     option: str | None = None,
     error: type[ProblemFileError] = ProblemFileError,
 ) -> Iterator[None]:
-    """Name a file's key where an argument is refused.
+    """Name a file's key in an error about an argument.
 
     Parameters
     ----------
-    file : what its user calls it.
-    key : from the library's own name of the argument.
-    option : the value of `--solver`, if it was given: then a refused solver is not the file's.
+    file : name of the file in errors.
+    key : maps the library's name of an argument to the file's key.
+    option : value of `--solver`, if given: then an error about the solver is not the file's.
 
     Raises
     ------
-    ProblemFileError : or `error`, in place of a ConfigurationError.
+    ProblemFileError : replaces a ConfigurationError; or `error`.
     """
     try:
         yield
@@ -40,11 +40,11 @@ def refused_as(
 
 
 def checked_solver(solver: str | None) -> str | None:
-    """The solver of `--solver`; what a library asks for by the same name is checked where it is made.
+    """Check the solver of `--solver` early; a solver that the library chooses is checked when it is built.
 
     Raises
     ------
-    ConfigurationError : it is empty, or known to be invalid.
+    ConfigurationError : empty, or known to fail.
     """
     if solver == "" or solver in UNUSABLE_SOLVERS:
         raise ConfigurationError("--solver", solver, USABLE)
@@ -53,17 +53,17 @@ def checked_solver(solver: str | None) -> str | None:
 
 @contextmanager
 def solver_refusals(option: str | None, *, file: str, key: str, value: str | None) -> Iterator[None]:
-    """Name `--solver` or the file's key where making a solver fails.
+    """Name `--solver` or the file's key if building a solver fails.
 
     Parameters
     ----------
-    option : the value of `--solver`, if it was given.
-    key, value : of the file, which counts where it was not.
+    option : value of `--solver`, if given.
+    key, value : those of the file, used if `--solver` was not given.
 
     Raises
     ------
-    ConfigurationError : `--solver` is refused.
-    ProblemFileError : the key of the file is.
+    ConfigurationError : `--solver` is invalid.
+    ProblemFileError : the key of the file is invalid.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The files of a run: metrics.json, trace.csv, figures and films, all of them or none."""
+"""The files of a run: metrics.json, trace.csv, figures and films; either all or none are written."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ __all__ = ["FIGURE_FORMATS", "METRICS", "checked_folder", "free_folder", "write_
 
 METRICS = "metrics.json"
 FIGURE_FORMATS = ("pdf", "svg")
-"""Beside PNG, which is always written."""
+"""Formats besides PNG, which is always written."""
 SOFTWARE = ("rehab_opt", "casadi", "numpy", "scipy", "shapely", "ruckig", "mujoco")
 
 
 def checked_folder(folder: Path, *, argument: str = "--out") -> Path:
-    """Refuse, before a run, a folder that cannot take its files; `argument` is what the user calls it.
+    """Refuse, before a run, a folder that cannot be written to; `argument` is its name in errors.
 
     Raises
     ------
-    ConfigurationError : it, or the nearest folder above that exists, is a file or cannot be written to.
+    ConfigurationError : the folder, or its nearest existing parent, is a file or cannot be written to.
     """
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
@@ -40,21 +40,21 @@ def checked_folder(folder: Path, *, argument: str = "--out") -> Path:
 
 
 def free_folder(folder: Path) -> Path:
-    """`folder`, or where an earlier run's files lie in it, `folder-2` or the next number whose folder has none."""
+    """`folder`, or if it holds files of an earlier run, the first free one of `folder-2`, `folder-3` and so on."""
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
     return next(each for each in itertools.chain([folder], numbered) if not (each / METRICS).exists())
 
 
 def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> tuple[Path, ...]:
-    """Write every file of a run into a scratch folder, then move them into `folder`; files of other names there stay.
+    """Write every file of a run into a scratch folder, then move them into `folder`; other files there stay.
 
     Parameters
     ----------
-    also : formats of `FIGURE_FORMATS` in which figures are written beside PNG.
+    also : formats of `FIGURE_FORMATS` for figures, besides PNG.
 
     Raises
     ------
-    ConfigurationError : the folder cannot be made or written to.
+    ConfigurationError : the folder cannot be created or written to.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) ->
 
 
 def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> list[Path]:
-    """Write every file of a run straight into an existing folder; OSError where that fails."""
+    """Write every file of a run directly into an existing folder; raises OSError if that fails."""
     from rehab_opt.session.drawing import fitted  # noqa: PLC0415  (loads matplotlib)
 
     system = system_named(outcome.system)
@@ -85,7 +85,7 @@ def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -
 
 
 def metrics_json(outcome: Outcome) -> str:
-    """All numbers and notes of a run, when and of what it was made, as strict JSON: no NaN, no infinity."""
+    """All numbers and notes of a run with its date and inputs, as strict JSON: no NaN, no infinity."""
     content = {
         "problem": outcome.name,
         "title": outcome.title,
@@ -100,7 +100,7 @@ def metrics_json(outcome: Outcome) -> str:
 
 
 def write_trace(outcome: Outcome, path: Path) -> None:
-    """One column a quantity, its unit at the end of its name; a number that is not there (NaN) is an empty cell."""
+    """One column for each quantity, with its unit at the end of its name; a missing number (NaN) is an empty cell."""
     columns = dict(outcome.trace())
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""The robot of a problem file, and robot files: a few lines of TOML that make an arm out of a URDF or an MJCF."""
+"""The robot of a problem file, and robot files: a few lines of TOML that describe an arm from a URDF or an MJCF."""
 
 from __future__ import annotations
 
@@ -38,29 +38,29 @@ JOINT_KEYS = {
     "locked": ("locked_deg", "locked_m"),
     "effort": ("effort_n_m",),
 }
-"""What a robot file calls the arguments of `SerialChain.from_urdf` that go joint by joint."""
+"""Keys of a robot file for the arguments of `SerialChain.from_urdf` that have a value for each joint."""
 GIVE = re.compile(rf"(?P<argument>{'|'.join(JOINT_KEYS)})={{'(?P<joint>[^']+)': [^}}]*}}")
-"""Such an argument, where the reader advises to give it."""
+"""Such an argument in an error message that advises to give it."""
 
 
 class RobotSection(Section):
-    """Which robot, and from where it starts."""
+    """The robot and its starting posture."""
 
     model: Literal["ur5"] | None = None
-    """The UR5 with its vendor's limits; or `file`."""
+    """The UR5 with its vendor's limits; either this or `file`."""
     file: str | None = Field(default=None, min_length=1)
-    """A robot file beside the problem file, instead of `model`."""
+    """A robot file, relative to the problem file; either this or `model`."""
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=1, max_length=100)]
-    """A value for each joint."""
+    """Starting angle of each joint."""
     joint_speed_deg_s: Annotated[float, Field(gt=0, le=180)] = 180.0
-    """Largest speed of every joint; a robot that is slower stays so."""
+    """Largest speed of every joint; a lower limit of the robot itself stays."""
     joint_acceleration_deg_s2: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """Largest acceleration of every joint: by default 859 of the UR5, an assumption, since the vendor publishes none;
-    of a robot file's arm no more than the file says."""
+    """Largest acceleration of every joint; default 859 for the UR5, an assumption, since the vendor publishes none. For
+    a robot file's arm it can only lower the file's value."""
 
     @model_validator(mode="after")
     def one_robot(self) -> Self:
-        """Refuse two robots or none, and a UR5 of other than six joints."""
+        """Refuse two robots or none, and a UR5 start with other than six angles."""
         if (self.model is None) == (self.file is None):
             key, value = ("model", None) if self.file is None else ("file", self.file)
             raise refusal(key, value, "either model = 'ur5', or file = a robot file")
@@ -70,27 +70,27 @@ class RobotSection(Section):
 
 
 class JointSection(Section):
-    """What is other than the URDF says of one joint, and what it does not say."""
+    """Values of one joint that the URDF lacks, or that replace the URDF's."""
 
     acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e5)
-    """In place of what holds for the other joints."""
+    """Replaces the value for all joints."""
     speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
-    """In place of the file's, or of what holds for the others."""
+    """Replaces the file's value, or the value for all joints."""
     lower_deg: Angle | None = None
-    """In place of the file's lower limit."""
+    """Replaces the file's lower limit."""
     upper_deg: Angle | None = None
-    """In place of the file's upper limit."""
+    """Replaces the file's upper limit."""
     locked_deg: Angle | None = None
-    """Held there, and no joint of the chain. A joint that is coupled to another (mimic) has to be locked where it is
-    between base and tip."""
+    """Lock the joint at this angle; it is then no joint of the chain. A joint that is coupled to another (mimic) must
+    be locked if it lies between base and tip."""
     locked_m: float | None = Field(default=None, ge=-10, le=10)
-    """The same of a joint that slides, which has to be locked there, too."""
+    """Lock a prismatic joint at this position; a prismatic joint between base and tip must be locked."""
     effort_n_m: float | None = Field(default=None, gt=0, le=1e5)
-    """Largest torque of its drive, in place of the file's; the plant `mujoco` needs it where the file has none."""
+    """Largest torque of its drive, replaces the file's; the plant `mujoco` needs it if the file has none."""
 
     @model_validator(mode="after")
     def locked_once(self) -> Self:
-        """Refuse a joint that is locked twice, or has limits besides."""
+        """Refuse a joint that is locked twice, or is locked and has limits."""
         if self.locked_deg is not None and self.locked_m is not None:
             raise refusal("locked_m", self.locked_m, "no such key beside locked_deg")
         if self.locked_deg is not None or self.locked_m is not None:
@@ -101,14 +101,14 @@ class JointSection(Section):
 
     @model_validator(mode="after")
     def range_is_one(self) -> Self:
-        """Refuse a range that ends before it begins."""
+        """Refuse an upper limit below the lower one."""
         if self.lower_deg is not None and self.upper_deg is not None and self.lower_deg > self.upper_deg:
             raise refusal("lower_deg", self.lower_deg, f"no more than upper_deg = {self.upper_deg:g}")
         return self
 
 
 class CapsuleSection(Section):
-    """A link's body, in the link's own frame."""
+    """The shape of a link, in the link's own frame."""
 
     link: Name
     """Name of the link in the URDF, or of the body in the MJCF."""
@@ -117,45 +117,45 @@ class CapsuleSection(Section):
     end_m: Triple
     """The other end."""
     radius_m: float = Field(gt=0, le=1)
-    """Of the capsule."""
+    """Radius of the capsule."""
 
 
 class RobotFile(Section):
-    """The whole of a robot file."""
+    """A robot file."""
 
     urdf: Name | None = None
-    """The file with links and joints, beside this file; meshes are not opened. Of a xacro: `xacro arm.urdf.xacro >
-    arm.urdf` first."""
+    """URDF file with links and joints, relative to this file; meshes are not read. For a xacro file, first run `xacro
+    arm.urdf.xacro > arm.urdf`."""
     mjcf: Name | None = None
-    """The same in MuJoCo's format, which needs the extra `mjcf`; instead of `urdf`."""
+    """MJCF file (MuJoCo's format, needs the extra `mjcf`); either this or `urdf`."""
     base: Name | None = None
-    """Link (of an MJCF: body) where the chain begins; by default the root."""
+    """First link of the chain (of an MJCF: body); default: the root."""
     tip: Name | None = None
-    """Link (body, or site) where it ends; by default the only last one."""
+    """Last link of the chain (body, or site); default: the last link, if there is only one."""
     acceleration_deg_s2: float = Field(gt=0, le=1e5)
-    """Largest acceleration of every joint: no URDF has it, so ask the vendor, or begin low."""
+    """Largest acceleration of every joint: a URDF has none, so ask the vendor, or start low."""
     speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
-    """Largest speed of every joint, in place of the URDF's; required of an MJCF, which has none."""
+    """Largest speed of every joint, replaces the URDF's; required for an MJCF, which has none."""
     mount_m: Triple = Field(default=[0.0, 0.0, 0.0])
-    """Where the base stands in the problem's frame, after the turn of `mount_deg`."""
+    """Position of the base in the problem's frame, after the rotation `mount_deg`."""
     mount_deg: Turns = Field(default=[0.0, 0.0, 0.0])
-    """Turned about the frame's x, then y, then z."""
+    """Rotation about the frame's x, then y, then z axis."""
     tool_m: Triple = Field(default=[0.0, 0.0, 0.0])
-    """The tool in the tip's frame, after the turn of `tool_deg`."""
+    """Position of the tool in the tip's frame, after the rotation `tool_deg`."""
     tool_deg: Turns = Field(default=[0.0, 0.0, 0.0])
-    """Turned about the tip's x, then y, then z."""
+    """Rotation about the tip's x, then y, then z axis."""
     payload_kg: float = Field(default=0.0, ge=0, le=1000)
-    """A mass at the tool's origin. It is kept with the links' masses, which are those of the plant `mujoco`."""
+    """A mass at the origin of the tool. It is added to the links' masses, which the plant `mujoco` uses."""
     joints: dict[Name, JointSection] = Field(default={}, max_length=100)
-    """By joint name, what is other than the file says, and what it does not say."""
+    """By joint name, values that the file lacks, or that replace the file's."""
     capsules: list[CapsuleSection] = Field(default=[], max_length=50)
-    """Bodies of links. Without one a link is guarded by its frames' origins alone."""
+    """Shapes of the links. Without a capsule only the origins of a link's frames are guarded."""
     collision: bool = False
-    """Instead of `capsules` those about the cylinders, boxes and balls of the URDF's `<collision>`."""
+    """Use capsules around the cylinders, boxes and spheres of the URDF's `<collision>` instead of `capsules`."""
 
     @model_validator(mode="after")
     def one_model(self) -> Self:
-        """Refuse two models or none, and an MJCF without speeds, of which the format has none."""
+        """Refuse two models or none, and an MJCF without speeds, which this format lacks."""
         if (self.urdf is None) == (self.mjcf is None):
             raise refusal("urdf", self.urdf, "either urdf or mjcf, the file with the robot's links")
         if self.mjcf is not None and self.speed_deg_s is None:
@@ -166,12 +166,11 @@ class RobotFile(Section):
 
 
 def robot_at_start(config: ProblemFile[Any]) -> tuple[SerialChain, Array]:
-    """The robot of a problem with the file's limits, and its starting joint values (n,) [rad].
+    """The robot of a problem with the file's limits, and its starting joint positions (n,) [rad].
 
     Raises
     ------
-    ProblemFileError : it starts outside its limits, or in another number of joints than it has; its robot file cannot
-        be used.
+    ProblemFileError : the start is outside the limits or has the wrong number of joints; the robot file is invalid.
     """
     section: RobotSection = config.problem.robot
     speed, acceleration = math.radians(section.joint_speed_deg_s), section.joint_acceleration_deg_s2
@@ -189,16 +188,16 @@ def robot_at_start(config: ProblemFile[Any]) -> tuple[SerialChain, Array]:
 
 
 def robot_files(section: RobotSection) -> tuple[Needed, ...]:
-    """The robot file, where there is one."""
+    """The robot file, if any."""
     return () if section.file is None else (Needed(ROBOT_FILE, section.file),)
 
 
 def robot_of(config: ProblemFile[Any], reference: str) -> SerialChain:
-    """The arm of the robot file that a problem names by `robot.file`.
+    """The arm of the robot file that a problem names as `robot.file`.
 
     Raises
     ------
-    ProblemFileError : it is absent or says something that cannot be used. RobotFileError : so does its URDF or MJCF.
+    ProblemFileError : the robot file is missing or invalid. RobotFileError : its URDF or MJCF is missing or invalid.
     """
     path = recording_path(config, reference, key=ROBOT_FILE)
     try:
@@ -209,7 +208,7 @@ def robot_of(config: ProblemFile[Any], reference: str) -> SerialChain:
 
 
 def robot_text(config: ProblemFile[Problem], reference: str) -> str:
-    """Every number of the arm that a problem names, as one text: the same where no file that it is made of differs."""
+    """Every number of a problem's arm as one text, which changes only if one of its files changes."""
     arm = robot_of(config, reference)
     bodies = [(each.name, each.link, each.mass, each.centre.tolist(), each.inertia.tolist()) for each in arm.bodies]
     parts = [
@@ -221,11 +220,11 @@ def robot_text(config: ProblemFile[Problem], reference: str) -> str:
 
 
 def posture_of(chain: SerialChain, degrees: list[float], *, file: str, key: str, first: int = 0) -> Array:
-    """Angles (m,) [rad] of the chain's joints from `first` on, from `degrees` at `key` of the file.
+    """Angles (m,) [rad] of the chain's joints from number `first` on, from `degrees` at `key` of the file.
 
     Raises
     ------
-    ProblemFileError : another number of joints, a value outside their limits.
+    ProblemFileError : wrong number of joints, or a value outside their limits.
     """
     names, lower, upper = chain.names[first:], chain.lower[first:], chain.upper[first:]
     if len(degrees) != len(names):
@@ -240,7 +239,7 @@ def posture_of(chain: SerialChain, degrees: list[float], *, file: str, key: str,
 
 
 def pose_of(angles_deg: list[float], place: list[float]) -> Array:
-    """(4, 4) turned about x, then y, then z of the fixed frame [deg], then shifted [m]."""
+    """(4, 4) rotation about x, then y, then z of the fixed frame [deg], followed by a translation [m]."""
     pose = np.eye(4)
     for angle, (i, j) in zip(np.deg2rad(angles_deg), ((1, 2), (2, 0), (0, 1)), strict=True):
         turn = np.eye(3)
@@ -316,12 +315,12 @@ def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[fl
 
 
 def _advice(expected: str) -> str:
-    """What the reader expects, with advice on its arguments in the words of a robot file."""
+    """The expectation of an error of the reader, with its advice reworded for a robot file."""
     return GIVE.sub(lambda found: f"[joints.{found['joint']}] {JOINT_KEYS[found['argument']][0]} = ...", expected)
 
 
 def _key_and_value(said: RobotFile, refused: ConfigurationError) -> tuple[str, object]:
-    """Where the robot file says what the reader calls by its own name, and what it says there."""
+    """Key of the robot file for an argument of the reader, and its value there."""
     first, _, rest = refused.argument.partition("[")
     if first not in JOINT_KEYS:
         known = {"file": "mjcf"}.get(first, first) if said.capsules or first != "capsules" else "collision"

@@ -1,4 +1,4 @@
-"""The run of a problem, whatever its system, from its file to its numbers. Nothing is written here."""
+"""Runs a problem of any system, from its file to its numbers. It writes no files."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ __all__ = ["arms_of", "checked", "live_problem", "run_problem"]
 def run_problem(
     config: ProblemFile[Problem], *, progress: Progress = lambda *_: None, **options: str | None
 ) -> Outcome:
-    """Run a problem from its recordings to its numbers.
+    """Run a problem and return its numbers.
 
     Parameters
     ----------
     config : from `load_problem`.
-    progress : called as the run goes.
-    options : of the system, such as `law` and `solver` of an upper limb; those that are None are not given.
+    progress : called during the run.
+    options : options of the system, such as `law` and `solver` of an upper limb; None counts as not given.
 
     Raises
     ------
-    ProblemFileError : a recording or a value of the file cannot be used.
-    ConfigurationError : an option that the system does not know, or a value that it cannot use.
+    ProblemFileError : a recording or a value of the file is not valid.
+    ConfigurationError : an unknown option, or a value that is not valid.
     """
     with _given(config, options) as (system, on, given):
         outcome: Outcome = system.run(on, options=given, progress=progress)
@@ -51,12 +51,12 @@ def run_problem(
 
 
 def live_problem(config: ProblemFile[Problem], **options: str | None) -> LiveProblem:
-    """A problem to be run in real time, for `rehab-opt live`, `film` and `loop`; `options` as of `run_problem`.
+    """A problem for a run in real time, for `rehab-opt live`, `film` and `loop`; `options` as for `run_problem`.
 
     Raises
     ------
-    ProblemFileError : a recording or a value of the file cannot be used.
-    ConfigurationError : no problem of its kind runs live; an option that the system does not know or cannot use.
+    ProblemFileError : a recording or a value of the file is not valid.
+    ConfigurationError : problems of this kind do not run live; an unknown option, or a value that is not valid.
     """
     system = system_named(config.problem.system)
     if type(system).live is System.live:
@@ -75,12 +75,13 @@ def live_problem(config: ProblemFile[Problem], **options: str | None) -> LivePro
 def _given(
     config: ProblemFile[Problem], options: Mapping[str, str | None]
 ) -> Iterator[tuple[System[Any, Any], ProblemFile[Any], dict[str, str]]]:
-    """The system, the problem on the plant of `--plant`, and the options; refusals of a solver name where it was given.
+    """The system, the problem with the plant of `--plant`, and the options; an invalid solver is refused under the name
+    that the user gave.
 
     Raises
     ------
-    ConfigurationError : an option that the system does not know or cannot use.
-    ProblemFileError : the file's solver cannot be used.
+    ConfigurationError : an unknown option, or a value that is not valid.
+    ProblemFileError : the file's solver is not valid.
     """
     name = config.problem.system
     system = system_named(name)
@@ -105,7 +106,7 @@ def _given(
 
 
 def checked(config: ProblemFile[Problem]) -> tuple[str, ...]:
-    """Everything of a problem that can be checked without running it; what was noticed on the way.
+    """Check everything that can be checked without a run, and return the notes.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def checked(config: ProblemFile[Problem]) -> tuple[str, ...]:
 
 
 def arms_of(config: ProblemFile[Problem]) -> dict[str, SerialChain]:
-    """The arms whose range of motion a problem states, by what these ranges are called; none where it states none.
+    """The arms whose range of motion a problem defines, by the names of the ranges; may be empty.
 
     Raises
     ------

@@ -1,7 +1,8 @@
-"""A problem made of the library: one object that is run, checked, looped in time, shown live, filmed and exported.
+"""A problem built from library objects: one object that can be run, checked, looped in real time, shown live, filmed
+and exported.
 
-A kind of problem is a `SceneSystem` and a `Scene`. The scene makes robot and controller, knows what is done to the
-robot in a run, and gives numbers, notes and page of a trace; the system draws the traces of its scenes.
+A kind of problem is a `SceneSystem` and a `Scene`. The scene builds robot and controller, provides the inputs of each
+tick, and computes numbers, notes and page from a trace; the system draws figures of the traces.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Shown = dict[str, Any]
 
 
 class Plot(NamedTuple):
-    """A number that the page plots: name, unit, how it is computed, and the line of its limit or least scale."""
+    """A number that the page plots: name, unit, function, and the line of its limit or smallest scale."""
 
     name: str
     unit: str
@@ -41,7 +42,7 @@ class Plot(NamedTuple):
 
 
 def arm_plots(chain: SerialChain) -> tuple[Plot, ...]:
-    """Of any arm."""
+    """The plots of any arm."""
     ended = np.isfinite(chain.lower) & (chain.lower < chain.upper)
 
     def margin(of: Shown) -> float:
@@ -55,12 +56,13 @@ def arm_plots(chain: SerialChain) -> tuple[Plot, ...]:
 
 
 class Scene(LiveProblem):
-    """What every kind of problem is: here what those of one arm share.
+    """Base of all scenes: the parts that scenes with one arm share.
 
     Attributes
     ----------
-    chain, bodies : of the arm. ticks : of a run at most. plots : numbers beside the page's picture.
-    still : parts of the page's picture that never move, and its camera.
+    chain, bodies : the arm and its bodies. ticks : upper limit of the ticks of a run. plots : numbers beside the page's
+        picture.
+    still : fixed parts of the page's picture, and its camera.
     """
 
     chain: SerialChain
@@ -71,19 +73,19 @@ class Scene(LiveProblem):
     noise = "mrad"
 
     def inputs(self, k: int, control: Any) -> LiveInputs | None:
-        """What is done to the robot in tick k of a run; None when the run is over."""
+        """Inputs of tick k of a run; None after the end of the run."""
         given: LiveInputs = control.untouched(k * self.dt)
         return given
 
     def also(self, control: Any, command: Command) -> Mapping[str, Any]:
-        """More columns of the trace: of a tick, before its command is sent."""
+        """More columns of the trace for a tick, computed before its command is sent."""
         return {}
 
     def derived(self, trace: Trace) -> None:
-        """Add columns that follow from others, and name the parts of columns."""
+        """Add columns that are computed from others, and name the parts of columns."""
 
     def run(self, progress: Progress = lambda *_: None, control: LiveControl | None = None) -> Trace:
-        """The closed loop from rest, by a new control or by the one given."""
+        """Run the closed loop from rest, with a new control or the given one."""
         made = self.control() if control is None else control
         trace = simulate(
             made,
@@ -96,21 +98,21 @@ class Scene(LiveProblem):
         return trace
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """For metrics.json; keys end in their statistic and unit."""
+        """Numbers for metrics.json; keys end in their statistic and unit."""
         raise NotImplementedError
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """What a reader of the numbers has to know; equal notes of several scenes are printed once."""
+        """Notes for a reader of the numbers; equal notes of several scenes are printed once."""
         return iter(())
 
     def scene(self) -> dict[str, Any]:
-        """What the page gets once."""
+        """Data that the page gets once."""
         plots = [{"name": each.name, "unit": each.unit, **each.scale} for each in self.plots]
         own = {"joints": joint_rows(self.chain), "plots": plots, "noise": self.noise}
         return {**super().scene(), **own, **self.still}
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """What the page gets again and again: arm, handles, push and plots."""
+        """Data that the page gets repeatedly: arm, handles, push and plots."""
         of = dict(shown, hand=self.bodies.tool(shown["q"])[:, 3])
         return {
             "capsules": self.bodies.capsules(of["q"]),
@@ -127,9 +129,9 @@ class SceneSystem(System[P, S], Generic[P, S]):
     options = frozenset({"plant", "solver"})
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """By controller."""
+        """The metrics by controller."""
         return {law: of for (law,), of in numbers.items()}
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
-        """The first scene; options as of `run`."""
+        """The first scene; options as for `run`."""
         return next(iter(self.scenes(config, options).values()))

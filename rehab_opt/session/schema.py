@@ -1,7 +1,7 @@
-"""What problem files of several systems may say: each key, its unit (the end of its name), its range, its default.
+"""Keys that problem files of several systems share, each with its unit (the end of its name), range and default.
 
-The keys of one system stand beside it. What stands below a key says what it means: `docs/reference/problem_files.md`
-is made of it.
+The keys of a single system are in the folder of that system. The docstring below a key is its description in
+`docs/reference/problem_files.md`.
 """
 
 from __future__ import annotations
@@ -43,21 +43,21 @@ __all__ = [
 ]
 
 NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goniometer>")
-"""Which form of a key that has several was used; pydantic puts them into the place of an error."""
+"""Names for the forms of a key with several; pydantic reports them in the location of an error."""
 
 UNUSABLE_SOLVERS = ("scpgen",)
-"""CasADi has them, but cannot make them of these problems and warns on the error stream while it tries."""
+"""Solvers of CasADi that cannot be built for these problems, and print warnings when tried."""
 USABLE = "a solver that this problem can be given to"
 
 TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg_s3"), math.pi / 180)
-"""What a number of a key that ends so is to be multiplied with."""
+"""Factor to SI units by the ending of a key."""
 UNIT = re.compile(r"_(?:mm|ms|rad|deg(?:_s[23]?)?|(?:N|Ns|m)_(?:m|s)|per_s|kg|m|s|N|J)$")
 Side = Literal["left", "right"]
 Separator = Literal["comma", "semicolon", "tab", "blank"]
 Decimal = Literal["point", "comma"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
-"""[m] A coordinate; larger ones are another unit."""
+"""[m] A coordinate; a larger number is probably in another unit."""
 
 
 def _usable(solver: str) -> str:
@@ -73,25 +73,25 @@ def _different(values: list[str]) -> list[str]:
 
 
 Once = AfterValidator(_different)
-"""Of a list: nothing stands in it twice."""
+"""For a list: no value occurs twice."""
 SolverName = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 
 def refusal(key: str, value: object, expected: str) -> PydanticCustomError:
-    """The error of a key that a whole section refuses."""
+    """An error about a key, raised by the validator of a whole section."""
     return PydanticCustomError("refused", "{expected}", {"key": key, "value": brief(value), "expected": expected})
 
 
 class Section(BaseModel):
-    """A table of a problem file: no key but its own, no number for a text, no NaN."""
+    """A table of a problem file: unknown keys, numbers for texts and NaN are refused."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
     def keys_are_known(cls, data: Any) -> Any:
-        """Name the keys there are, where an unknown one is used."""
+        """List the known keys if an unknown one is used."""
         if isinstance(data, dict):
             for key, value in data.items():
                 if key not in cls.model_fields:
@@ -99,11 +99,12 @@ class Section(BaseModel):
         return data
 
     def arguments(self, *keys: str, **named: str) -> dict[str, Any]:
-        """What it says as arguments of the library: by names without their unit, in SI units; None is left out.
+        """The section as arguments of the library: names without units, values in SI units; values of None are left
+        out.
 
         Parameters
         ----------
-        keys : which ones, all by default. named : what the library calls some of them otherwise.
+        keys : which keys, by default all. named : the library's names for keys that differ from it.
         """
         found: dict[str, Any] = {}
         for key in keys or type(self).model_fields:
@@ -119,56 +120,57 @@ class Section(BaseModel):
 
 
 def keys_of(**sections: type[Section]) -> dict[str, str]:
-    """Which dotted key says what the library calls by a name of its own: the reverse of `Section.arguments`."""
+    """The dotted key for each argument of the library: the reverse of `Section.arguments`."""
     return {UNIT.sub("", key): f"{name}.{key}" for name, section in sections.items() for key in section.model_fields}
 
 
 class Problem(Section):
-    """The whole of a problem file."""
+    """A whole problem file."""
 
     system: str
-    """Which kind of problem this is."""
+    """Kind of problem."""
     title: str = Field(min_length=1, max_length=120)
-    """Heads table and figures."""
+    """Heading of table and figures."""
 
 
 class RecordedSection(Section):
-    """Where a recorded movement lies, and how it is written."""
+    """File and format of a recorded movement."""
 
     file: str = Field(min_length=1)
     """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv`, relative to the problem file,
     or `data:folder/file`."""
     marker: str | int | None = None
-    """The hand's marker, in a `.trc`, `.c3d` or `_motion.tsv`: its name, or its number from 1 on."""
+    """Marker of the hand in a `.trc`, `.c3d` or `_motion.tsv`: its name, or its number from 1."""
     columns: Annotated[list[str | int], Field(min_length=2, max_length=3)] | None = None
-    """The columns of x, y (and z), in a `.csv`, `.mot`, `.sto` or `.xdf`: their names, or their numbers from 1 on."""
+    """Columns of x, y (and z) in a `.csv`, `.mot`, `.sto` or `.xdf`: names, or numbers from 1."""
     time_column: str | int | None = None
-    """The column of times in a `.csv`, likewise."""
+    """Column of the times in a `.csv`: its name, or its number from 1."""
     rate_hz: float | None = Field(default=None, gt=0, le=1e6)
-    """Samples a second, in place of the file's times."""
+    """Samples per second; replaces the file's times."""
     units: Annotated[list[str], Field(min_length=1, max_length=3), Once] | None = None
-    """At most one each of length (m, cm, mm), angle (rad, deg) and time (s, ms, us, ns), in place of the file's."""
+    """At most one unit each of length (m, cm, mm), angle (rad, deg) and time (s, ms, us, ns); they replace the
+    file's."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
-    """Its axis that points up: the points are turned so that z does."""
+    """The recording's axis that points up; the points are rotated so that z points up."""
     window_s: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=2, max_length=2)] | None = None
-    """`[from, to]` after the first sample; the rest is left out."""
+    """`[from, to]` after the first sample; other samples are ignored."""
     trials: str | int | None = None
-    """What separates the trials that are scored: a column of a `.csv`; of a `.c3d` the event with which each begins, or
-    `"begin,end"`."""
+    """How the file separates the trials for scoring: a column of a `.csv`; or, in a `.c3d`, the event at the start of
+    each trial, or `"begin,end"`."""
     separator: Separator = "comma"
-    """Between the cells of a `.csv`."""
+    """Separator of the cells of a `.csv`."""
     decimal: Decimal = "point"
-    """Of the numbers in a `.csv`."""
+    """Decimal sign of the numbers in a `.csv`."""
     count_mm: float | None = Field(default=None, gt=0, le=1000)
-    """What one raw count of length is, in a `.svc`, or in a `.csv` or `.c3d` whose header names no units."""
+    """Length of one raw count in a `.svc`, or in a `.csv` or `.c3d` whose header has no units."""
     tick_ms: float | None = Field(default=None, gt=0, le=1000)
-    """What one raw count of time is, likewise."""
+    """Duration of one raw count of time, for the same files."""
     speed: float = Field(default=1.0, ge=0.01, le=10)
-    """Of the recorded pace: 0.5 takes twice as long."""
+    """Playback speed: 0.5 takes twice as long."""
 
     @model_validator(mode="after")
     def hand_is_named_as_its_file_allows(self) -> Self:
-        """Refuse a marker or columns that the file's format has none of, and one column in two places."""
+        """Refuse a marker or columns that the file's format does not have, and a column that is used twice."""
         suffix = PurePath(self.file).suffix.lower()
         allowed = {
             "marker": ((".trc", ".c3d", ".tsv"), "markers"),
@@ -189,41 +191,41 @@ class RecordedSection(Section):
         return self
 
     def reading(self) -> dict[str, Any]:
-        """How `read_recording` is to read the file."""
+        """Arguments for `read_recording`."""
         return self.model_dump(include=set(RecordedSection.model_fields) - {"file"})
 
 
 class RecordingSection(RecordedSection):
-    """Which movement, and whose hand made it."""
+    """The movement, and the hand that made it."""
 
     hand: Side
-    """Whose hand was recorded."""
+    """The recorded hand."""
     mirror: bool = False
-    """Must be true if that is not the arm's side, and must not be if it is."""
+    """Must be true if the recorded hand is not on the arm's side, and false otherwise."""
 
 
 class PlanarPlacement(Section):
-    """Where a movement lies in its plane."""
+    """Position of a movement in its plane."""
 
     centre_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
-    """`[x, y]` where the middle of the path's bounding box comes to lie."""
+    """`[x, y]` of the middle of the path's bounding box."""
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
-    """Turn about the vertical, counterclockwise from above."""
+    """Rotation about the vertical, counterclockwise from above."""
     scale: float | None = Field(default=None, gt=0, le=1000)
-    """Size, 1 where neither this nor `fit_m` is given."""
+    """Scale factor; 1 if neither this nor `fit_m` is given."""
     fit_m: Annotated[list[Annotated[float, Field(gt=0, le=10)]], Field(min_length=2, max_length=2)] | None = None
-    """`[width, depth]`: the largest size that fits, instead of `scale`."""
+    """`[width, depth]`: the path gets the largest scale that fits; instead of `scale`."""
 
     @model_validator(mode="after")
     def size_is_said_once(self) -> Self:
-        """Refuse two sizes."""
+        """Refuse two scales."""
         if self.scale is not None and self.fit_m is not None:
             raise PydanticCustomError("two_sizes", "either scale or fit_m, not both")
         return self
 
 
 class PlacementSection(PlanarPlacement):
-    """Where a movement lies in the frame of the shoulder."""
+    """Position of a movement in the frame of the shoulder."""
 
     plane_height_m: Length = -0.24
-    """z of the plane."""
+    """Height z of the plane."""

@@ -1,4 +1,4 @@
-"""Recordings cut into trials and measured: a row for each measure of each trial, in long format."""
+"""Scoring: cuts recordings into trials and measures them; one row for each measure of each trial (long format)."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ __all__ = [
 
 HEADER = ("recording", "trial", "measure", "value", "unit")
 ALL = "all"
-"""In place of a trial's number: a measure of all trials together."""
+"""Instead of a trial's number: a measure over all trials."""
 
 
 class ScoreRow(NamedTuple):
-    """One measure of one trial; `value` is NaN where there is none."""
+    """One measure of one trial; `value` is NaN if there is none."""
 
     recording: str
     trial: str
@@ -59,21 +59,22 @@ class ScoreRow(NamedTuple):
 
 
 class Described(NamedTuple):
-    """A recording: its path or `data:folder/file`, and how it is read, as the arguments of `read_recording`."""
+    """A recording: its path or `data:folder/file`, and the arguments of `read_recording`."""
 
     file: str
     reading: dict[str, Any]
 
     @property
     def path(self) -> Path:
-        """Where it lies; raises as `data_file`."""
+        """Path of the recording; raises as `data_file`."""
         return data_file(self.file, problem=self.file, key="file") if self.file.startswith(PREFIX) else Path(self.file)
 
 
 class Scored(NamedTuple):
-    """What was measured, and what a reader of it has to know; each trial: its source, number in it, samples, score.
+    """Scores and notes; each trial has a source, its number there, samples and a score.
 
-    `refused` says of each recording or trial that cannot be read or measured why; the others are measured all the same.
+    `refused` gives the reason for each recording or trial that cannot be read or measured; the others are still
+    measured.
     """
 
     rows: tuple[ScoreRow, ...]
@@ -97,17 +98,17 @@ def score_recordings(
     Parameters
     ----------
     files : recordings or descriptions of them (`.toml`), as paths or `data:folder/file`.
-    reading : how, as the arguments of `read_recording` (`columns`, `marker`, `separator` and others); a description's
-        keys go before it.
-    target : [m] where each movement was to end, in the recordings' own frame.
-    pause : [s] a hand that rests as long ends a trial; each recording is one trial by default.
-    repeats : all trials are of one movement: how much they vary is measured too.
+    reading : arguments of `read_recording` (`columns`, `marker`, `separator` and others); a description's keys override
+        them.
+    target : [m] position where each movement should end, in the recordings' own frame.
+    pause : [s] a rest of this length ends a trial; by default each recording is one trial.
+    repeats : all trials repeat one movement: their variability is measured too.
     cutoff_hz, threshold : as in `measures.score`.
 
     Raises
     ------
-    ProblemFileError : no recording can be read and measured; others are in `refused`.
-    ConfigurationError : a target of other coordinates, fewer than two repeats.
+    ProblemFileError : no recording can be read and measured; single failures are in `refused`.
+    ConfigurationError : a target of the wrong dimension, or fewer than two repeats.
     """
     if target is not None and not all(abs(x) <= FARTHEST for x in target):
         expected = f"coordinates of at most {FARTHEST:g} m (millimetres taken for metres?)"
@@ -165,7 +166,7 @@ def _read(source: Described, *, undescribed: bool) -> Recording:
 
 
 def _scored(trial: Recording, target: Sequence[float] | None, how: Mapping[str, float]) -> Score:
-    """Every measure of a trial; of joint angles alone the range of each."""
+    """Every measure of a trial; for joint angles only the range of each."""
     if trial.points.shape[1]:
         return score(trial.time, trial.points, target=target, joints=trial.joints, **how)
     ends = {name: np.degrees(np.unwrap(angles)) for name, angles in trial.joints.items()}
@@ -178,7 +179,7 @@ def _scored(trial: Recording, target: Sequence[float] | None, how: Mapping[str, 
 
 
 def range_of_motion_keys(rows: Sequence[ScoreRow]) -> list[str]:
-    """Lines for a problem file's arm: of each joint the lowest and the highest angle [deg] of all trials."""
+    """Lines for a problem file's arm: the lowest and highest angle [deg] of each joint over all trials."""
     ends: dict[str, list[float]] = {}
     for row in rows:
         what, _, joint = row.measure.partition("_")
@@ -191,7 +192,7 @@ def range_of_motion_keys(rows: Sequence[ScoreRow]) -> list[str]:
 
 
 def _trials(recording: Recording, pause: float | None, how: Mapping[str, float]) -> list[tuple[str, Recording]]:
-    """The trials that the file separates, or all of it, cut where the hand rests; each with its name."""
+    """The trials that the file separates, or the whole recording, cut where the hand rests; each with its name."""
     time, pieces = recording.time, [("", recording)]
     if recording.trials:
         parts = [(name, recording.part((time >= first) & (time <= last))) for name, first, last in recording.trials]
@@ -206,7 +207,7 @@ def _trials(recording: Recording, pause: float | None, how: Mapping[str, float])
 
 
 def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> Described:
-    """A recording by its own name, or by that of its description (`.toml`), whose keys go before `reading`."""
+    """A recording given directly or by its description (`.toml`), whose keys override `reading`."""
     named = Described(file, dict(reading))
     if not file.endswith(".toml"):
         return named
@@ -225,10 +226,10 @@ def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> D
 def trials_between_pauses(
     recording: Recording, *, pause: float, cutoff_hz: float = CUT_OFF_HZ, threshold: float = 0.05
 ) -> list[Recording]:
-    """The recording, cut in the middle of every rest of `pause` [s] or longer.
+    """The recording, cut in the middle of each rest of at least `pause` [s].
 
-    The hand rests while it is slower than `threshold` times its largest speed, or than noise (`HandMotion.goes`). Rest
-    at either end belongs to the first and the last trial.
+    The hand rests while it is slower than `threshold` times its largest speed, or below the noise (`HandMotion.goes`).
+    A rest at either end belongs to the first or last trial.
     """
     if not 0 < pause < math.inf:
         raise ConfigurationError("pause", pause, "seconds above zero")
@@ -245,7 +246,7 @@ def trials_between_pauses(
 
 
 def write_rows(rows: Sequence[ScoreRow], file: TextIO | Path) -> None:
-    """Rows as comma-separated values under `HEADER`; a value that is not there is an empty cell."""
+    """Write the rows as comma-separated values under `HEADER`; a missing value is an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
@@ -258,7 +259,7 @@ def write_rows(rows: Sequence[ScoreRow], file: TextIO | Path) -> None:
 
 
 def _middles(parts: Sequence[NDArray[np.int_]]) -> list[int]:
-    """Numbers of the samples amid the rests between parts that move."""
+    """Sample numbers in the middle of the rests between moving parts."""
     return [int(a[-1] + b[0] + 1) // 2 for a, b in itertools.pairwise(parts)]
 
 
@@ -276,7 +277,7 @@ KEY = re.compile(r"recording\.(\w+)(?: = '(\w+)')?")
 
 @contextmanager
 def _options_named(undescribed: bool) -> Iterator[None]:
-    """Name the command's options in place of the keys of a description, where a recording has none."""
+    """Name the options of the command instead of keys, if a recording has no description."""
     try:
         yield
     except ProblemFileError as refused:
@@ -291,7 +292,7 @@ def _options_named(undescribed: bool) -> Iterator[None]:
 
 @contextmanager
 def _refused(recording: Recording, where: str = "") -> Iterator[None]:
-    """Name the recording, and what its sizes look like, where it is refused."""
+    """Name the recording in an error, and the unit that its sizes suggest."""
     try:
         yield
     except ConfigurationError as refused:

@@ -1,4 +1,4 @@
-"""The closed loop, from a control's start at rest to a trace."""
+"""The closed loop, from rest to a trace."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TICKS_A_REPORT = 100
 
 
 def relaxed_words(relaxed: Relaxed) -> str:
-    """What gave way, in words; empty where nothing did."""
+    """The relaxed bounds in words; empty if there are none."""
     return str(relaxed.name).lower().replace("|", ", ") if relaxed else ""
 
 
@@ -32,18 +32,18 @@ def simulate(
     also: Callable[[int, Command], Mapping[str, Any]] = lambda *_: {},
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Trace:
-    """Run until `inputs` gives None, or for so many ticks, from the control's start at rest, as live without waiting.
+    """Run from rest until `inputs` returns None or `ticks` have passed, as in a live run but without waiting.
 
-    Everything holds at the beginning of its tick; commands are held during it. `joint` (true) and `command`
-    are (N, n) [rad, m, and the same per s], `_force` (N, 2) or (N, 3) [N] acts on the hand during the tick,
+    Values of a row hold at the beginning of its tick; commands are held during the tick. `joint` (true) and `command`
+    are (N, n) [rad, m, and the same per s], `_force` (N, 2) or (N, 3) [N] acts on the hand during the tick, and
     `_seconds` is the controller's computing time. A robot that does not move exactly as commanded also has `measured`
-    positions, true `velocity` and `_effort` [N m, N] of the drives in the tick before.
+    positions, true `velocity`, and the drives' `_effort` [N m, N] in the tick before.
 
     Parameters
     ----------
-    inputs : the tick's number -> what is done to the robot. It may look at `control.plant.truth`, which no controller
-        can. also : more columns, of a tick's number and its command, before that is sent. progress : the tick's number
-        and how many there may be.
+    inputs : maps the number of the tick to its inputs. It may read `control.plant.truth`, which controllers
+        cannot. also : more columns, from a tick's number and its command before that is sent. progress : called with
+            the number of the tick and the largest number of ticks.
     """
     plant, rows, more = control.plant, list[tuple[Any, ...]](), list[Mapping[str, Any]]()
     control.timed, seen = False, plant.reset(control.start)

@@ -1,12 +1,12 @@
-"""The kinds of problems there are, and what a session asks of one.
+"""The kinds of problems, and the interface of a kind.
 
-A kind is a class that derives from `System`, and a name: of the shipped ones in `SHIPPED`, of any other in the entry
-points of the group `rehab_opt.systems` of the distribution that it comes with,
+A kind is a class that derives from `System`, with a name: shipped ones are in `SHIPPED`, others in the entry point
+group `rehab_opt.systems` of their distribution,
 
     [project.entry-points."rehab_opt.systems"]
     circle = "my_package.circle:CircleSystem"
 
-It is imported when it is used.
+It is imported at its first use.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ P_co = TypeVar("P_co", bound=Problem, covariant=True)
 S = TypeVar("S", bound="Traced")
 
 GROUP = "rehab_opt.systems"
-"""Of the entry points that name kinds of problems outside of this package."""
+"""Group of entry points that name kinds of problems outside this package."""
 SHIPPED: Mapping[str, str] = MappingProxyType(
     {
         "upper_limb": "rehab_opt.session.upper_limb.scene:UpperLimbSystem",
@@ -65,11 +65,11 @@ SHIPPED: Mapping[str, str] = MappingProxyType(
     }
 )
 ROBOT_FILE = "robot.file"
-"""Key of a file that describes a robot, and names other files."""
+"""Key of a file that describes a robot and refers to other files."""
 
 
 class Needed(NamedTuple):
-    """A recording, or a robot file, that a problem needs: the key that names it, and what it says there."""
+    """A recording or robot file that a problem needs: its key and the value there."""
 
     key: str
     reference: str
@@ -77,14 +77,14 @@ class Needed(NamedTuple):
 
 @dataclass(frozen=True)
 class ProblemFile(Generic[P_co]):
-    """A checked problem.
+    """A validated problem.
 
     Parameters
     ----------
-    name : what it is called: `upper_limb/figure_eight` for a shipped one, the file's stem for others.
+    name : `upper_limb/figure_eight` for a shipped problem, the file's stem for others.
     file : the file as the user named it, for errors.
-    path : where it lies.
-    problem : what it says.
+    path : its path.
+    problem : its content.
     """
 
     name: str
@@ -94,39 +94,39 @@ class ProblemFile(Generic[P_co]):
 
 
 class NotMet(str):
-    """A note that a run would not do what its file asks."""
+    """A note that a run would not do what its file specifies."""
 
     __slots__ = ()
 
 
 class Traced(Protocol):
-    """What is run once: numbers and notes are functions of its trace."""
+    """A single run: numbers and notes are functions of its trace."""
 
     def run(self, progress: Progress) -> Trace:
-        """Everything that happened."""
+        """The trace of the run."""
         ...
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """For metrics.json; keys end in their statistic and unit."""
+        """Numbers for metrics.json; keys end in their statistic and unit."""
         ...
 
     def notes(self, trace: Trace) -> Iterable[str]:
-        """What a reader of the numbers has to know; equal notes of several scenes are printed once."""
+        """Notes for a reader of the numbers; equal notes of several scenes are printed once."""
         ...
 
 
 class System(Generic[P, S]):
-    """A kind of problem: `schema` and `scenes`; the rest has defaults.
+    """A kind of problem: it must have `schema` and `scenes`; everything else has defaults.
 
     Attributes
     ----------
-    schema : what its files may say.
-    options : names of the options of `rehab-opt run` that it knows; others are refused before it is run. With "plant",
-        a problem is handed on with the table that the option asks for; a solver that cannot be made is refused.
-    solver_key : where the problem file names the solver that `--solver` goes before; empty where it names none.
-    rate_key : where it says how many ticks a second its controllers have; empty where they have none.
-    first : the few quantities that matter first, as of `numbers_table`; empty where there are but few.
-    labels : what the names of its scenes are.
+    schema : class of its problem files.
+    options : names of the options of `rehab-opt run` that it accepts; others are refused before the run. With "plant",
+        the problem gets the table that `--plant` selects; a solver that cannot be built is refused.
+    solver_key : key of the solver in the problem file, which `--solver` overrides; empty if there is none.
+    rate_key : key of the controllers' rate in ticks per second; empty if there is none.
+    first : the few most important quantities, as for `numbers_table`; empty if there are only few.
+    labels : meaning of the parts of a scene's name.
     """
 
     schema: type[P]
@@ -137,44 +137,44 @@ class System(Generic[P, S]):
     labels: ClassVar[Names] = ()
 
     def recordings(self, problem: P) -> tuple[Needed, ...]:
-        """The recordings and robot files it needs; none by default."""
+        """The recordings and robot files that it needs; by default none."""
         return ()
 
     def check(self, config: ProblemFile[P]) -> tuple[str, ...]:
-        """Everything that can be checked without running it; what was noticed on the way.
+        """Check everything that can be checked without a run, and return the notes.
 
         Raises
         ------
-        ProblemFileError : a value of the file or a recording cannot be used.
+        ProblemFileError : a value of the file or a recording is not valid.
         """
         return ()
 
     def arms(self, config: ProblemFile[P]) -> dict[str, SerialChain]:
-        """The arms whose range of motion it states, by what these ranges are called; none by default.
+        """The arms whose range of motion it defines, by the names of the ranges; by default none.
 
         Raises
         ------
-        ProblemFileError : the kinematics refuses a value of the file.
+        ProblemFileError : a value of the file is not valid for the arm.
         """
         return {}
 
     def scenes(self, config: ProblemFile[P], options: Mapping[str, str]) -> Mapping[Names, S]:
-        """What is run, one after the other, by its names.
+        """The scenes of a run by name, in the order of the run.
 
         Raises
         ------
         ProblemFileError : as `check`.
-        ConfigurationError : an option's value cannot be used.
+        ConfigurationError : the value of an option is not valid.
         """
         raise NotImplementedError
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """The metrics, of the numbers of each scene; `outcome` has scenes and traces only."""
+        """The metrics, from the numbers of each scene; `outcome` has only scenes and traces."""
         (of,) = numbers.values()
         return of
 
     def run(self, config: ProblemFile[P], *, options: Mapping[str, str], progress: Progress) -> Outcome:
-        """Each scene once; nothing is written. Raises as `scenes`."""
+        """Run each scene once; no files are written. Raises as `scenes`."""
         scenes, traces = self.scenes(config, options), dict[Names, Trace]()
         for names, scene in scenes.items():
             traces[names] = scene.run(partial(_named, progress, names))
@@ -184,43 +184,43 @@ class System(Generic[P, S]):
         return replace(outcome, metrics=metrics, notes=tuple(dict.fromkeys(notes)))
 
     def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
-        """Those of each scene; as `nested`."""
+        """The notes of all scenes; arguments as for `nested`."""
         for names, scene in outcome.scenes.items():
             yield from scene.notes(outcome.traces[names])
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
-        """The problem to be run in real time; problems of most kinds are not. Ask `live_problem`, which says so.
+        """The problem for a run in real time; most kinds have none. Call `live_problem`, which reports that.
 
         Raises
         ------
         ProblemFileError : as `check`.
-        ConfigurationError : an option's value cannot be used.
+        ConfigurationError : the value of an option is not valid.
         """
         raise NotImplementedError
 
     def seconds_a_tick(self, problem: P) -> float | None:
-        """From one QP of its controllers to the next, for `python -m bench.record`; None where they solve none.
+        """[s] Time between two QPs of its controllers, for `python -m bench.record`; None if they solve none.
 
-        NaN where the QPs are no ticks, as iterations are.
+        NaN if the QPs are iterations, not ticks.
         """
         return 1 / value_at(problem, self.rate_key) if self.rate_key else None
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """Numbers of each column of the table; by default a column for each scene."""
+        """Numbers of each column of the table; by default one column for each scene."""
         return {"\n".join(map(str, names)) or "value": of for names, of in outcome.table.items()}
 
     def caption(self, outcome: Outcome) -> str:
-        """What stands below the table."""
+        """Text below the table."""
         return ""
 
     def table(self, outcome: Outcome) -> Table:
-        """The result for the terminal, all of it."""
+        """The full table of results for the terminal."""
         from rehab_opt.session.tables import numbers_table  # noqa: PLC0415  (loads rich)
 
         return numbers_table(outcome.title, self.columns(outcome), caption=self.caption(outcome))
 
     def brief(self, outcome: Outcome) -> Table | None:
-        """The few numbers that matter first; None where there are but few."""
+        """The few most important numbers; None if there are only few."""
         if not self.first:
             return None
         from rehab_opt.session.tables import numbers_table  # noqa: PLC0415  (loads rich)
@@ -228,7 +228,7 @@ class System(Generic[P, S]):
         return numbers_table(outcome.title, self.columns(outcome), first=self.first, caption=self.caption(outcome))
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """The figures by file name, without suffix; by default all columns over time."""
+        """The figures by file name without suffix; by default all columns over time."""
         from rehab_opt.session.drawing import columns_figure  # noqa: PLC0415  (draws)
 
         return columns_figure(outcome.title, dict(outcome.trace()))
@@ -239,22 +239,24 @@ def _named(progress: Progress, names: Names, what: str, done: int, among: int) -
 
 
 def value_at(problem: Problem, key: str) -> Any:
-    """What a problem says at a dotted key."""
+    """Value of a problem at a dotted key."""
     return reduce(getattr, key.split("."), problem)
 
 
 def systems() -> dict[str, str]:
-    """Where each kind of problem is, `module:class` by name: the shipped ones, then those of other distributions."""
+    """Location `module:class` of each kind of problem, by name: shipped ones first, then those of other
+    distributions.
+    """
     others = {each.name: each.value for each in entry_points(group=GROUP) if each.name not in SHIPPED}
     return {**SHIPPED, **others}
 
 
 def system_named(name: str) -> System[Any, Any]:
-    """The system that a problem file calls by this name; a shipped one goes before any other of its name.
+    """The system with this name in problem files; shipped ones take precedence.
 
     Raises
     ------
-    ConfigurationError : there is none, or an entry point leads to none.
+    ConfigurationError : unknown name, or an entry point that cannot be loaded.
     """
     if name in SHIPPED:
         module, _, attribute = SHIPPED[name].partition(":")

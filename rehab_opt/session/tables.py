@@ -1,4 +1,4 @@
-"""The table of numbers that follows from the keys of metrics."""
+"""The table of numbers, derived from the keys of the metrics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "fraction": ("%", 100.0), "fraction_of_limit": ("% of limit", 100.0),
     "fraction_of_time": ("% of the time", 100.0), "fraction_of_length": ("% of the length", 100.0),
 }  # fmt: skip
-"""By the end of a key: the unit that a table shows, and the factor to it."""
+"""For each ending of a key: the unit in the table, and the factor to it."""
 LABELS: Mapping[str, str] = {
     "broken_any": "ticks that break a limit",
     "excess": "beyond the limit by, in SI units",
@@ -35,7 +35,7 @@ LABELS: Mapping[str, str] = {
     "stopped": "ticks in which the controller braked or rested",
     "tick": "computing time of a tick",
 }
-"""Of quantities whose key is no good English."""
+"""Labels for quantities whose key is not readable English."""
 KEY = re.compile(
     r"(?P<name>.+?)(?:_(?P<what>mean|median|p95|p99_9|p99|max|min))?"
     rf"(?:_(?P<unit>{'|'.join(sorted(UNITS, key=len, reverse=True))}))?",
@@ -44,14 +44,15 @@ KEY = re.compile(
 
 
 def numbers_table(title: str, of: Mapping[str, Numbers], *, first: Sequence[str] = (), caption: str = "") -> Table:
-    """A row a quantity, a column a controller; labels, units and factors follow from the keys of metrics.
+    """One row for each quantity, one column for each controller; labels, units and factors are derived from the keys of
+    the metrics.
 
-    Statistics of a quantity, and the joint that they are of, share a row. Sections become rows `section: key`. A row
+    Statistics of one quantity, with the joint they belong to, share a row. Sections become rows `section: key`. A row
     without any number is left out.
 
     Parameters
     ----------
-    of : metrics by controller. first : only these quantities or sections, keys without statistic and unit, in order.
+    of : metrics by controller. first : only these quantities or sections, as keys without statistic and unit, in order.
     """
     made = Table(title=Text(title), caption=Text(caption) if caption else None, caption_justify="left")
     made.add_column("quantity")

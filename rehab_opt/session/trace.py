@@ -1,4 +1,4 @@
-"""The one table of a run: a row a tick, a column a quantity, each name ending in its unit."""
+"""The table of a run: one row for each tick, one column for each quantity, with the unit at the end of its name."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ XYZ = ("x_m", "y_m", "z_m")
 
 
 class Trace(dict[str, NDArray[Any]]):
-    """Columns by name: (N,) and (N, k) are written; larger ones, and those whose name begins with _, are only kept.
+    """Columns by name: (N,) and (N, k) are written to trace.csv; larger ones, and names that begin with _, are only
+    kept in memory.
 
     Parameters
     ----------
-    columns : what was recorded, all of which is kept; `rows` are the indices of what is written.
-    parts : names of the k numbers of a column, by its name; x_m, y_m, z_m by default.
+    columns : all recorded columns; `rows` are the indices of the rows that are written.
+    parts : names of the k numbers of a column, by column; default x_m, y_m, z_m.
     """
 
     def __init__(self, columns: Mapping[str, Any], parts: Mapping[str, Sequence[str]] | None = None) -> None:
@@ -28,7 +29,7 @@ class Trace(dict[str, NDArray[Any]]):
         self.rows: Any = slice(None)
 
     def written(self) -> Iterator[tuple[str, NDArray[Any]]]:
-        """The columns of trace.csv, one number or text a row."""
+        """The columns of trace.csv, with one number or text in each row."""
         for name, values in self.items():
             if name.startswith("_") or values.ndim > 2:
                 continue
@@ -38,7 +39,9 @@ class Trace(dict[str, NDArray[Any]]):
 
 
 def stacked(traces: Mapping[tuple[Any, ...], Trace], labels: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Written columns of traces, one below the other, below a column for each label; 0 where a trace has no such."""
+    """Written columns of several traces, one below the other, with a label column for each level of the names; 0 for
+    columns that a trace lacks.
+    """
     tables = {key: dict(trace.written()) for key, trace in traces.items()}
     sizes = [len(table["t_s"]) for table in tables.values()]
     for i, label in enumerate(labels):
