@@ -48,7 +48,7 @@ def test_a_table_tells_type_bounds_default_and_meaning() -> None:
     text = keys_markdown("rehab_opt.session.ardis.problem.ArdisProblem", without=["plant"])
     text += keys_markdown("rehab_opt.session.robot_file.RobotFile", without=[])
     text += keys_markdown("rehab_opt.session.pose_tracking.PoseTracking", without=["plant"])
-    assert "| `circle.radius_m` | number, > 0, ≤ 1 | required | Of the tool's path. |" in text
+    assert "| `circle.radius_m` | number, > 0, ≤ 1 | required | Radius of the tool's path. |" in text
     assert "| `robot.start_deg` | list of 1 to 100: number, ≥ -360, ≤ 360 | required |" in text
     for key in ("goals[].hand_m", "stick.modes[].rows", "joints.NAME.locked_deg", "capsules[].radius_m"):
         assert f"| `{key}` |" in text

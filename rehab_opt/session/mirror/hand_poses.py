@@ -1,4 +1,4 @@
-"""Recordings of a hand's poses, as a tracker of virtual reality writes them."""
+"""Recordings of hand poses, as virtual reality trackers write them."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ __all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
 FAR = 10.0
-"""[m] A recorded hand is not further away: it is in another unit."""
+"""[m] A hand further away is probably in another unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandPoses:
-    """N samples as they were recorded; those that the tracker lost may hold NaN.
+    """N samples as recorded; samples that the tracker lost may be NaN.
 
     Parameters
     ----------
     times : (N,) [s]
-    positions, quaternions : (N, 3) in the recording's unit of length, (N, 4) x, y, z, w.
-    notes : what a reader of the result has to know.
+    positions, quaternions : (N, 3) in the recording's unit of length, and (N, 4) x, y, z, w.
+    notes : notes for a reader of the result.
     """
 
     times: Array
@@ -40,17 +40,18 @@ class HandPoses:
 
 
 def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> HandPoses:
-    """Read a header `t_s,x_m,y_m,z_m,qx,qy,qz,qw` or, where columns are numbered, rows of numbers without a header.
+    """Read a file with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or, with column numbers, rows of numbers without a
+    header.
 
-    Cells may be empty or nan: sight was lost there. They are separated as a trace's (`read_csv`).
+    Cells may be empty or nan: the tracker had lost the hand. The separator is found as for traces (`read_csv`).
 
     Parameters
     ----------
-    file : the problem file, for errors about its keys.
+    file : name of the problem file, for errors about its keys.
 
     Raises
     ------
-    ProblemFileError : a missing column or row, a cell that is no number, a header without a sampling rate.
+    ProblemFileError : a missing column or row, a cell that is not a number, or no header and no sampling rate.
     """
     name = section.file
     lines = text_lines(path, name)
@@ -98,11 +99,11 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
 
 
 def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
-    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's, separated as the header is.
+    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's; the header shows the separator.
 
     Raises
     ------
-    ProblemFileError : a missing column, a cell that is no finite number.
+    ProblemFileError : a missing column, or a cell that is not a finite number.
     """
     lines = text_lines(path, name)
     mark = next((each for each in SEPARATORS.values() if each and each in lines[0]), ",")

@@ -1,4 +1,4 @@
-"""The laws of a mirrored hand on one reference: without a floor, tick by tick, planned as a whole, and A*."""
+"""The controllers of a mirrored hand on one reference: without a floor, tick by tick, planned as a whole, and A*."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ __all__ = ["ANY_SPEED", "planned", "searched", "track_reference", "tracker_of", 
 
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0
-"""[m/s] Of a hand without a floor."""
+"""[m/s] Speed limit of a hand without a floor."""
 APPROACH = 5.0
-"""[s] for the way to the first pose."""
+"""[s] Time for the approach to the first pose."""
 SETTLED = 1e-3
-"""[rad/s] Joint speeds at which a motion has come to its end."""
+"""[rad/s] Joint speeds below which a motion has ended."""
 ARRIVED = 2.0
-"""[s] at the last pose after which a motion has come to its end, too: a hand at its floor may go on creeping."""
+"""[s] at the last pose after which a motion also ends: a hand at its floor may creep on."""
 SETTLED_AMID_NOISE = 0.03
-"""[rad/s] The same where encoders have noise, which commands answer."""
+"""[rad/s] The same with encoder noise, to which commands react."""
 TRACKER_KEYS = (
     "floor", "max_deviation_mm", "max_turn_deg", "linear_speed_m_s", "angular_speed_deg_s", "catch_up",
 )  # fmt: skip
@@ -48,19 +48,20 @@ KEYS = keys_of(tracker=MirrorTrackerSection) | {
     "grip": "robot.grip_deg",
     "start": "patient.arm.start_deg",
 }
-"""Where the problem file says what the tracker calls by its own name."""
+"""Keys of the problem file for arguments of the tracker."""
 
 
 def tracker_of(
     problem: MirrorProblem, scene: Setup, *, file: str, backup: str | None = None, live: bool = False, **options: Any
 ) -> MirrorTracker:
-    """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are others of `MirrorTracker`.
+    """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are other arguments of
+    `MirrorTracker`.
 
-    With `live` it is told of the person's arm, and what comes is limited to that tick by tick: `scene.led` is already.
+    With `live` it gets the person's arm, and limits the reference to it in each tick; `scene.led` is already limited.
 
     Raises
     ------
-    ProblemFileError : it refuses a value of the file.
+    ProblemFileError : the tracker refuses a value of the file.
     """
     section = problem.tracker
     planes = planes_of(section.keep_out, file, "tracker.keep_out")
@@ -90,7 +91,7 @@ def _led(
     counts: dict[str, int],
     **of: Array,
 ) -> Led:
-    """A run along the scene's reference; `of` are the fields of `Led` that the trace has not."""
+    """A run along the scene's reference; `of` are the fields of `Led` that the trace lacks."""
     robot = scene.robot
     return Led(
         time=ran["t_s"],
@@ -114,7 +115,9 @@ def _joined(words: str) -> str:
 
 
 def without_floor(scene: Setup, plant: Plant, *, max_manipulability: float, progress: Progress) -> Led:
-    """The reference at its own pace, within the robot's limits alone, from its first pose: the paper's before."""
+    """The reference at its own speed from its first pose, with only the robot's limits: the paper's comparison without
+    a floor.
+    """
     dt, (poses, twists) = plant.dt, (scene.reference.poses, scene.reference.twists)
     tracker = PoseTracker(scene.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0)
     start, first = scene.start.copy(), poses[~scene.reference.lost][0]
@@ -131,9 +134,10 @@ def without_floor(scene: Setup, plant: Plant, *, max_manipulability: float, prog
 
 
 def track_reference(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patience: float, progress: Progress) -> Led:
-    """Closed loop: tick by tick, the future unknown.
+    """Closed loop, tick by tick, without knowledge of the future.
 
-    After the recording's end its last pose stays, until the clock has passed it or `patience` recordings have passed.
+    After the end of the recording its last pose stays, until the clock has passed it or `patience` durations have
+    passed.
     """
     tracker.reset()
     tracker.counts.clear()  # they outlive a reset
@@ -160,7 +164,7 @@ def track_reference(tracker: MirrorTracker, scene: Setup, plant: Plant, *, patie
 
 
 def planned(tracker: MirrorTracker, scene: Setup, *, progress: Progress) -> Led:
-    """The whole motion, the future known."""
+    """The whole motion, planned in advance."""
     progress("plan", 0, 1)
     tracker.counts.clear()
     path = tracker.plan(scene.led.poses, scene.led.twists, scene.start)
@@ -190,7 +194,7 @@ def planned(tracker: MirrorTracker, scene: Setup, *, progress: Progress) -> Led:
 def searched(
     problem: MirrorProblem, scene: Setup, *, max_manipulability: float, progress: Progress
 ) -> AStarPath | None:
-    """The published A*, where it was asked for, from the first posture that reaches the reference."""
+    """The published A*, if the file has it, from the first posture that reaches the reference."""
     section = problem.astar
     if section is None:
         return None

@@ -1,4 +1,4 @@
-"""A mirrored hand live: the tracker of `rehab-opt run`, led along the recording to and fro, or by somebody."""
+"""A mirrored hand live: the tracker of `rehab-opt run`, with the recording to and fro, or with a dragged hand."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from rehab_opt.session.plant import device_of, joint_plant
 __all__ = ["LiveMirror"]
 
 FRAME = 1 / 30
-"""[s] from picture to picture, in which the person's arm is led on."""
+"""[s] Time between pictures, the step of the person's arm."""
 
 
 class LiveMirror(LiveProblem):
@@ -59,7 +59,7 @@ class LiveMirror(LiveProblem):
         return _Mirroring(tracker, plant, scene.start, reference.poses[seen], reference.twists[seen])
 
     def scene(self) -> dict[str, Any]:
-        """The mirrored path, planes that are kept clear of, limits of the person or else the robot."""
+        """The mirrored path, keep-out planes, and limits of the person or else the robot."""
         reference, section = self._scene.reference, self._config.problem.tracker
         path = reference.poses[~reference.lost][:: max(1, round(0.05 / self.dt)), :3, 3]
         file = self._config.file
@@ -88,7 +88,7 @@ class LiveMirror(LiveProblem):
         }
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Robot, the arm that it leads, the reference."""
+        """Robot, the patient's arm, and the reference."""
         q, force = shown["q"], shown["force"]
         pose = np.vstack([self._arm.tool(q), [0.0, 0.0, 0.0, 1.0]])
         hand, chain, joints = pose[:3, 3], self.robot, q

@@ -1,4 +1,4 @@
-"""The numbers of a mirrored motion, and why a hand is not where, or not when, the reference is; strict JSON."""
+"""The numbers of a mirrored motion, and why the hand deviates from the reference or is late; strict JSON."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ __all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed
 
 
 CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")
-"""In the order that they are shown. Late: the reference is slowed, or the hand behind it. Where several hold, the first
-of `stopped`, `person's arm`, `floor`, `keep-out`, `robot's reach`, `late` counts."""
+"""In the order of the figures. Late: the reference is slowed, or the hand lags behind it. If several hold, the first of
+`stopped`, `person's arm`, `floor`, `keep-out`, `robot's reach`, `late` counts."""
 NEAR, TURNED = 5e-3, math.radians(5.0)
-"""[m, rad] by which a hand may stay short of the reference and still follow it."""
+"""[m, rad] Deviation up to which a hand follows the reference."""
 AT_FLOOR, AT_PLANE = 0.02, 0.005
-"""Of w / w_max from the floor, and [m] above a plane, up to which it counts as what is in the way."""
+"""Distance of w / w_max from the floor, and height [m] above a plane, up to which these count as the cause."""
 
 
 def causes(led: Led, drive: DrivenJoints, bounds: HandBounds) -> NDArray[np.int_]:
-    """(M,) place in `CAUSES` of each sample of the drive: what kept the law there, or the drive from keeping up."""
+    """(M,) index in `CAUSES` of each sample of the drive: the cause of a deviation of the controller, or of a lag of
+    the drive.
+    """
     person = (led.person[:, 0] > NEAR) | (led.person[:, 1] > TURNED)
     robot = (led.short - led.person > (NEAR, TURNED)).any(axis=1) & ~person
     behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
@@ -48,26 +50,26 @@ def causes(led: Led, drive: DrivenJoints, bounds: HandBounds) -> NDArray[np.int_
 
 
 def _ticks(led: Led, when: Array) -> NDArray[np.int_]:
-    """(K,) of the law's ticks the one at each time (K,) [s]."""
+    """(K,) index of the controller's tick at each time (K,) [s]."""
     return np.searchsorted(led.time, when + ROUNDING, side="right") - 1
 
 
 DT, EVERY = 1e-3, 5
-"""[s] Tick of a drive, and how many of them are between the samples that are kept."""
+"""[s] Tick of a drive, and number of ticks between stored samples."""
 FREE = 1e9
 ROUNDING = 1e-9
-"""[s] by which a time is that of a tick."""
+"""[s] Tolerance for the time of a tick."""
 AGAIN = 20
-"""Passages at most."""
+"""Largest number of passes."""
 
 
 def driven(
     led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
 ) -> DrivenJoints:
-    """The law's joints passed by `smooth_path`: all of them wait for the slowest, and for the hand.
+    """The controller's joints passed by `smooth_path`: all joints wait for the slowest one, and for the hand.
 
-    The hand's way is one more axis, no faster than `linear_speed` [m/s]. Where the joints move the hand faster between
-    two samples, all is passed again, slower by as much.
+    The path length of the hand is one more axis, no faster than `linear_speed` [m/s]. If the joints move the hand
+    faster between two samples, everything is passed again at a lower speed.
     """
     if led.motion is not None:
         return DrivenJoints(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)
@@ -91,7 +93,9 @@ def driven(
 def _passed(
     led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float
 ) -> tuple[Array, Array, Array]:
-    """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the law's times (K,) [s] then."""
+    """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the corresponding times (K,) [s] of the
+    controller.
+    """
     place, jerk = led.tool[:, :3, 3], np.full(robot.n, math.radians(bounds.jerk_deg_s3))
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
     found = smooth_path(
@@ -108,17 +112,18 @@ def _passed(
 
 
 BELOW = 1e-3
-"""Of w / w_max under the floor, that counts as under it."""
+"""w / w_max further below the floor counts as under it."""
 SAMPLES = 400
-"""Poses of the reference at most that are looked for on a path."""
+"""Largest number of reference poses that are searched for on a path."""
 
 
 def led_metrics(
     led: Led, drive: DrivenJoints, bounds: HandBounds, reference: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
-    """Of one law and its `drive`; where sight was lost there is no reference, and no distance to it.
+    """Metrics of one controller and its `drive`; where the tracker lost the hand there is no reference, and no distance
+    to it.
 
-    `reference` (N, 4, 4) are the poses asked for, those of lost sight left out; `cause` (K,) are the drive's `causes`.
+    `reference` (N, 4, 4) are the reference poses without lost samples; `cause` (K,) are the drive's `causes`.
     """
     seen, robot = np.isfinite(led.deviation), bounds.chain
     q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
@@ -171,7 +176,7 @@ def _lags(lag: Array) -> dict[str, float]:
 
 
 def passed_fraction(tool: Array, reference: Array) -> float:
-    """Share of poses asked for (N, 4, 4) that a path (M, 4, 4) passes, at whatever time."""
+    """Fraction of reference poses (N, 4, 4) that a path (M, 4, 4) passes, at any time."""
     poses = reference[:: math.ceil(len(reference) / SAMPLES)]
     met = 0
     for pose in poses:
@@ -182,7 +187,7 @@ def passed_fraction(tool: Array, reference: Array) -> float:
 
 
 def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict[str, Any]:
-    """Of the published path, which has no times: each reference position's distance to the nearest point of it."""
+    """Metrics of the published path, which has no times: distance of each reference position to its nearest point."""
     w = np.array([bounds.chain.manipulability(each) for each in path.q]) / bounds.max_manipulability
     return {
         "positions": len(path.q),
@@ -196,6 +201,6 @@ def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict
 
 
 def _kind(reason: str) -> str:
-    """A reason without what it measures."""
+    """A reason without its measured part."""
     parts = ["the reference is slowed" if "of its pace" in part else part for part in reason.split("; ") if part]
     return "; ".join(parts)

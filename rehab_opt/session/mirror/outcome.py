@@ -1,4 +1,4 @@
-"""What a robot did that led a hand along a mirrored path, tick by tick."""
+"""Results of a robot that led a hand along a mirrored path, tick by tick."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ __all__ = ["DrivenJoints", "Led", "MirrorRuns", "led_trace"]
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"
 LAWS = (BEFORE, STEP, PLAN)
-"""Names of what is run, in the order they are shown; A* is a path without times, and apart."""
+"""Names of the controllers in the order of the figures; A* is separate, since its path has no times."""
 
 
 @dataclass(frozen=True, eq=False)
 class Led:
-    """One law along the reference, M ticks; everything holds at the beginning of its tick.
+    """One controller along the reference, M ticks; values hold at the beginning of their tick.
 
     Parameters
     ----------
     time : (M,) [s] when each tick begins.
     q, command : (M, n) [rad], and the velocity held during the tick [rad/s].
-    tool, reference : (M, 4, 4) where the robot is, and the reference where it was read.
+    tool, reference : (M, 4, 4) pose of the tool, and the reference at the clock's time.
     manipulability : (M,) w / w_max, computed from q.
-    lag : (M,) [s] how old the reference is that is followed.
-    pace : (M,) seconds of the reference in a second.
-    short : (M, 2) [m, rad] by which person and robot stay short of the reference at best, from where they are.
-    person : (M, 2) [m, rad] of that which are the person's arm's.
-    status, relaxed : (M,) of each command.
-    reasons : (M,) why a command is not a plain one.
-    seconds : (M,) computing time of each tick, or (1,) of all of them.
-    complete : whether the reference's end was reached.
-    counts : how often the tracker waited, cut, shortened and so on.
-    motion : the run, where joints do not move exactly as commanded; else None.
+    lag : (M,) [s] age of the followed reference.
+    pace : (M,) seconds of the reference per second.
+    short : (M, 2) [m, rad] least deviation from the reference that person and robot can reach from here.
+    person : (M, 2) [m, rad] part of it due to the person's arm.
+    status, relaxed : (M,) as in each command.
+    reasons : (M,) reason for a command that is not an ordinary one.
+    seconds : (M,) computing time of each tick, or (1,) of all ticks.
+    complete : whether the end of the reference was reached.
+    counts : how often the tracker waited, gave up a stretch, slowed and so on.
+    motion : the run, if joints do not move exactly as commanded; else None.
     """
 
     time: Array
@@ -76,7 +76,7 @@ class Led:
 
 
 class DrivenJoints(NamedTuple):
-    """What a drive does with a law's joints, M samples; where the robot has servos, what it did."""
+    """Motion of a drive along a controller's joints, M samples; for a robot with servos, its true motion."""
 
     time: Array
     """(M,) [s]"""
@@ -85,19 +85,19 @@ class DrivenJoints(NamedTuple):
     tool: Array
     """(M, 4, 4)"""
     deviation: Array
-    """(M,) [m] of the tool from the reference where the law read it."""
+    """(M,) [m] distance of the tool from the reference at the controller's time."""
     manipulability: Array
     """(M,) w / w_max"""
     law_time: Array
-    """(M,) [s] of the law's run at which these are passed."""
+    """(M,) [s] corresponding time of the controller's run."""
     lag: Array
-    """(M,) [s] how old the reference is that is followed."""
+    """(M,) [s] age of the followed reference."""
     pace: Array
-    """(M,) seconds of the reference in a second."""
+    """(M,) seconds of the reference per second."""
 
 
 def led_trace(led: Led, drive: DrivenJoints, cause: NDArray[np.int_], names: Sequence[str]) -> Trace:
-    """A row a tick; cells are empty where there is no reference. Kept with it: `_led`, `_drive`, `_cause`."""
+    """One row for each tick; cells without a reference are empty. `_led`, `_drive` and `_cause` are kept with it."""
     trace = Trace(
         {
             "t_s": led.time,
@@ -124,20 +124,20 @@ def led_trace(led: Led, drive: DrivenJoints, cause: NDArray[np.int_], names: Seq
 
 @dataclass(frozen=True, eq=False)
 class MirrorRuns:
-    """What the figures of a run show.
+    """Data for the figures of a run.
 
     Parameters
     ----------
     metrics : of the run.
-    chain : the robot. floor : least w / w_max. mirror : of the patient.
-    time, reference : (N,) [s] and (N, 4, 4) the mirrored poses of the tool; NaN where sight was lost.
-    recorded : (K, 3) [m] the healthy hand in the robot's frame.
-    laws : what was run, by its name among `LAWS`.
-    drives : of each of these, what a drive does with its joints.
-    causes : of each drive, (M,) why the hand is not where or when the reference is, as places in `metrics.CAUSES`.
-    astar : the published path where it was asked for.
+    chain : the robot. floor : least w / w_max. mirror : mirror plane of the patient.
+    time, reference : (N,) [s] and (N, 4, 4) the mirrored poses of the tool; NaN where the tracker lost the hand.
+    recorded : (K, 3) [m] path of the healthy hand in the robot's frame.
+    laws : runs by name in `LAWS`.
+    drives : for each of these, the motion of a drive along its joints.
+    causes : for each drive, (M,) causes of deviation or lag as indices into `metrics.CAUSES`.
+    astar : the published path, if requested.
     max_deviation, linear_speed : [m, m/s] the bounds.
-    near : how near bodies came to each other, tick by tick; None without `[clearance]`.
+    near : distances between bodies, tick by tick; None without `[clearance]`.
     """
 
     title: str

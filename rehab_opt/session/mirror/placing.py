@@ -1,8 +1,8 @@
-"""Where the patient of a mirrored recording sits, and how the robot holds the hand: found, and then run.
+"""Find a seat for the patient of a mirrored recording, and the robot's grip, then run the candidates.
 
-Sought are a rigid motion of the patient (place and direction) and the grip: a posture of the robot at one pose of the
-path and a direction fix them. The fraction of the path that it follows is counted without time (`Seats`). The best
-seats, apart from each other, are run as by `rehab-opt run`, and the best run decides.
+The unknowns are a rigid motion of the patient (position and direction) and the grip; both follow from a robot posture
+at one pose of the path and a direction. A search counts the fraction of the path that the robot can follow, without
+times (`Seats`). The best seats that differ enough are run as by `rehab-opt run`, and the best run wins.
 """
 
 from __future__ import annotations
@@ -33,51 +33,52 @@ from rehab_opt.session.systems import NotMet
 __all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "value_text"]
 
 POSES, ALL_POSES = 60, 300
-"""Of the path that are counted while looking, and for one seat."""
+"""Number of poses of the path in the search, and for a single seat."""
 CHANGING = 0.1
-"""[s] from pose to pose where the person's arm changes its posture."""
+"""[s] Time between poses where the person's arm changes its posture."""
 NEARLY = 4e-3, math.radians(4.0)
-"""[m, rad] up to which the person's arm has what is asked."""
+"""[m, rad] Deviation up to which the person's arm reaches a pose."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
-"""Seats drawn anywhere, spreads [rad] of those drawn near the best, and how many are the best."""
+"""Number of random seats, spreads [rad] of seats around the best, and number of best seats."""
 SEARCHES = 12
-"""Of seats, each drawn anew."""
+"""Number of searches, each with new random seats."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
-"""Seats that are run at most; how many where one is this short of what the person's arm can or less; how far they are
-apart [rad or m]: all runs of neighbours may end with one joint wound up."""
+"""Largest number of seats to run; number that suffices if one is this close to the limit of the person's arm; least
+difference between seats [rad or m], since neighbours may all end with the same joint at its limit."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
-"""[m] of the led shoulder over the robot's base; of the patient's middle and shoulders from its axis at least."""
+"""[m] Range of the led shoulder's height above the robot's base; least distance of the patient's middle and shoulders
+from its axis."""
 CLEAR = 0.3
-"""[m] of the robot's joints before its wrist from the upright through the patient's middle."""
+"""[m] Least distance of the robot's joints before its wrist from the vertical through the patient's middle."""
 GOOD = 0.5
-"""Of the largest manipulability, above which postures are drawn."""
+"""Fraction of the largest manipulability above which postures are drawn."""
 
 
 class Place(NamedTuple):
-    """Values of a problem file's keys, by section, and what the run achieves with them."""
+    """Values for keys of a problem file, by section, and the result of a run with them."""
 
     keys: dict[str, dict[str, Any]]
-    """E.g. `keys["placement"]["origin_m"]`; "patient.arm" is a section of its own."""
+    """E.g. `keys["placement"]["origin_m"]`; "patient.arm" is a section."""
     passed: float
-    """Share of the reference's poses that `step` passes within 5 mm and 5 deg."""
+    """Fraction of the reference poses that `step` passes within 5 mm and 5 deg."""
     counted: float
-    """Share of them that the search counted on."""
+    """Fraction of them that the search predicted."""
 
 
 def found_place(
     config: ProblemFile[MirrorProblem], *, seats: int = ANYWHERE, seed: int = 0, progress: Progress
 ) -> Place:
-    """Seat, direction, grip and starting posture with which the robot passes most of the recording.
+    """Seat, direction, grip and starting posture with which the robot passes the largest part of the recording.
 
     Parameters
     ----------
-    seats : drawn anywhere; six times a quarter as many near the best. All that up to `SEARCHES` times, until
-        `ENOUGH` seats do what the person's arm can.
+    seats : number of random seats; six times a quarter as many are drawn around the best. This repeats up to `SEARCHES`
+        times, until `ENOUGH` seats reach the limit of the person's arm.
 
     Raises
     ------
-    ProblemFileError : a recording or a value that cannot be used; a frame that is calibrated, and so not to be chosen;
-        no seat from which the robot does any of it.
+    ProblemFileError : a recording or a value that is not valid; a calibrated frame, which cannot be changed; or no seat
+        from which the robot follows any part.
     """
     if config.problem.placement.origin_m is None:
         raise ProblemFileError(
@@ -116,7 +117,7 @@ def found_place(
 
 
 def _apart(drawn: Array, scores: Array) -> list[Array]:
-    """The best of seats (M, n + 1), `APART` from each other."""
+    """The best seats of (M, n + 1) that differ by more than `APART`."""
     found: list[Array] = []
     left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
     while len(left) and len(found) < TRIED:
@@ -126,7 +127,7 @@ def _apart(drawn: Array, scores: Array) -> list[Array]:
 
 
 def placed(config: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) -> ProblemFile[MirrorProblem]:
-    """The same problem with these keys."""
+    """The problem with other values of these keys."""
     content = config.problem.model_dump(mode="json", exclude_unset=True)
     for section, values in keys.items():
         where = content
@@ -137,7 +138,7 @@ def placed(config: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) 
 
 
 def achieved(config: ProblemFile[MirrorProblem]) -> float:
-    """Share of the reference's poses that `step` passes on a robot that moves as commanded."""
+    """Fraction of the reference poses that `step` passes on a robot that moves as commanded."""
     scene = laid_out(config)
     tracker = tracker_of(config.problem, scene, file=config.file)
     led = track_reference(
@@ -148,11 +149,11 @@ def achieved(config: ProblemFile[MirrorProblem]) -> float:
 
 
 COMES = 20
-"""Poses on the straight way from where the robot starts to the first of a reference."""
+"""Number of poses on the straight line from the robot's start to the first pose of a reference."""
 
 
 def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> str:
-    """How much of the reference is in reach of robot and led arm, from where the robot starts."""
+    """Note on the fraction of the reference that robot and led arm can reach from the robot's start."""
     search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
     search.seats.floor, search.seats.near = tracker.floor, 3  # nothing is to be kept for a run
     hands, here = search.hands @ search.grip, scene.robot.pose(scene.start)
@@ -168,9 +169,9 @@ def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> 
 
 
 class _Search:
-    """Of one recording.
+    """The search for seats for one recording.
 
-    A seat (n + 1,): the robot's posture at the middle pose, and by how much all of the patient's is turned [rad].
+    A seat (n + 1,) is the robot's posture at the middle pose, and the rotation of the patient's frame [rad].
     """
 
     def __init__(
@@ -212,7 +213,9 @@ class _Search:
         return found
 
     def scores(self, drawn: Array) -> Array:
-        """(M,) share of the poses done, and part of one for being far above the floor; none where nobody could sit."""
+        """(M,) fraction of the poses in reach, and less than one pose for the distance from the floor; zero where
+        nobody could sit.
+        """
         found = np.zeros(len(drawn))
         for begun in range(0, len(found), ANYWHERE):
             some = slice(begun, begun + ANYWHERE)
@@ -222,7 +225,7 @@ class _Search:
         return np.where(self.admitted(drawn), found, 0.0)
 
     def counted(self, one: Array) -> float:
-        """Share of the poses that are done from a seat (n + 1,)."""
+        """Fraction of the poses in reach from a seat (n + 1,)."""
         return float((self._walk(one[None]).done[:, 0] & self.wanted).sum() / self.counted_on.sum())
 
     def _walk(self, drawn: Array) -> Walk:
@@ -232,9 +235,9 @@ class _Search:
         return dataclasses.replace(walk, done=walk.done & clear)
 
     def _seats(self, drawn: Array) -> tuple[Array, Array, Array]:
-        """Rigid motions (M, 4, 4) of all that is the patient's, grips (M, 4, 4), and where points then are (M, 3, 3).
+        """Rigid motions (M, 4, 4) of the patient's frame, grips (M, 4, 4), and three points (M, 3, 3) [m]:
 
-        [m]: the recording's origin, a point of the patient's middle, and the led shoulder or what is in its place.
+        the recording's origin, a point of the patient's sagittal plane, and the led shoulder or its substitute.
         """
         tools, turns = self.seats.at(drawn[:, :-1])[0], drawn[:, -1]
         seats, grips = np.tile(np.eye(4), (len(drawn), 1, 1)), np.tile(self.grip, (len(drawn), 1, 1))
@@ -257,7 +260,7 @@ class _Search:
         return np.asarray((low <= height) & (height <= high) & (away >= AWAY))
 
     def keys(self, one: Array) -> dict[str, dict[str, Any]]:
-        """What the problem file would say of a seat (n + 1,), in round numbers."""
+        """Keys of the problem file for a seat (n + 1,), rounded."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415  (loaded when used)
 
         _, (grip,), (points,) = self._seats(one[None])
@@ -290,11 +293,11 @@ def value_text(value: float | str | list[float]) -> str:
 
 
 def replaced_keys(text: str, keys: dict[str, dict[str, Any]], *, file: str) -> str:
-    """The text of a TOML file in which `keys[section][key]` has another value, or stands first in its section.
+    """The text of a TOML file with `keys[section][key]` replaced, or inserted at the start of its section.
 
     Raises
     ------
-    ProblemFileError : a section that is written in another way than under a header of its own.
+    ProblemFileError : a section without a header of its own.
     """
     lines = text.splitlines()
     for section, values in keys.items():

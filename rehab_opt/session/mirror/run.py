@@ -1,4 +1,4 @@
-"""`system = "mirror"`: the recording laid out, every controller on it, and the numbers."""
+"""`system = "mirror"`: the recording in the robot's frame, a run with each controller, and the numbers."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ Config = ProblemFile[MirrorProblem]
 
 
 class Mirrored:
-    """What all runs of a file share.
+    """The parts that all runs of a file share.
 
     Raises
     ------
-    ProblemFileError : a recording or a value of the file cannot be used.
+    ProblemFileError : a recording or a value of the file is not valid.
     """
 
     def __init__(self, config: Config) -> None:
@@ -54,7 +54,7 @@ class Mirrored:
 
     @cached_property
     def astar(self) -> AStarPath | None:
-        """The published path, where it was asked for."""
+        """The published path, if requested."""
         most = self.tracker.max_manipulability
         return searched(self.problem, self.setup, max_manipulability=most, progress=self.progress)
 
@@ -87,7 +87,7 @@ class LedScene:
         return led_metrics(led, drive, task.bounds, task.seen, cause=trace["_cause"], rate=1.0 / task.dt)
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """None: see `MirrorSystem.notes`."""
+        """No notes here: see `MirrorSystem.notes`."""
         return iter(())
 
 
@@ -97,13 +97,13 @@ def _task(outcome: Outcome) -> Mirrored:
 
 
 def _near(outcome: Outcome) -> NearestBodies | None:
-    """How near bodies came to each other, tick by tick."""
+    """Distances between bodies, tick by tick."""
     task, trace = _task(outcome), outcome.traces[STEP,]
     return nearest_bodies(task.problem.clearance, task.file, task.setup.robot, trace["joint"], trace["t_s"])
 
 
 def runs_of(outcome: Outcome) -> MirrorRuns:
-    """What the figures of a run show."""
+    """Data for the figures of a run."""
     task = _task(outcome)
     setup, traces = task.setup, {name: trace for (name,), trace in outcome.traces.items()}
     return MirrorRuns(
@@ -124,7 +124,7 @@ def runs_of(outcome: Outcome) -> MirrorRuns:
 
 
 FAR = 1e-3
-"""[m] from the first reference pose, where a start is told to be elsewhere."""
+"""[m] Distance from the first reference pose above which a note reports the start."""
 
 
 def _notes(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> Iterator[str]:
@@ -161,7 +161,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
     rate_key = "tracker.rate_hz"
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each controller; A* is a path without times and without a robot that follows it."""
+        """One column for each controller; A* is a path without times, which no robot follows."""
         laws, astar = dict(outcome.metrics["laws"]), outcome.metrics["astar"]
         if astar is not None:
             name = f"A*, {outcome.metrics['parameters']['astar']['resolution_mm']:g} mm"
@@ -169,7 +169,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         return laws
 
     def caption(self, outcome: Outcome) -> str:
-        """The floor, and what was asked for."""
+        """The floor, and the reference."""
         reference = outcome.metrics["reference"]
         return (
             f"floor {_task(outcome).problem.tracker.floor:g} of the robot's largest manipulability; reference of "
@@ -179,7 +179,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         )
 
     def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
-        """Poses of the hand and of the patient, the points that tell where they were seen, and the robot file."""
+        """Poses of the hand and of the patient, the calibration points, and the robot file."""
         files = {
             "recording.file": problem.recording.file,
             "patient.track_file": problem.patient.track_file,
@@ -188,7 +188,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         return (*(Needed(key, name) for key, name in files.items() if name is not None), *robot_files(problem.robot))
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Reads the recording, lays it out, builds the tracker, and counts what the robot reaches."""
+        """Read and place the recording, build the tracker, and count the poses that the robot reaches."""
         scene = laid_out(config)
         tracker = tracker_of(config.problem, scene, file=config.file)
         within = start_notes(config.problem.clearance, config.file, scene.robot, scene.start)
@@ -200,7 +200,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         return {(name,): LedScene(task, name) for name in LAWS}
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """Of the reference, of each controller, of A* and of bodies."""
+        """Metrics of the reference, of each controller, of A* and of bodies."""
         task, near = _task(outcome), _near(outcome)
         problem, setup, reference = task.problem, task.setup, task.setup.reference
         fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
@@ -225,7 +225,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         }
 
     def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
-        """What was read and laid out; where it begins; who did not come to the end; how near bodies came."""
+        """Notes on the input, the start, incomplete controllers, and the closest bodies."""
         task, near = _task(outcome), _near(outcome)
         yield from (*task.setup.notes, *path_notes(task.setup), *_notes(task.problem, task.setup, task.tracker))
         for (name,), of in numbers.items():
@@ -240,5 +240,5 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         return figures(runs_of(outcome))
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
-        """The mirrored recording to and fro, until somebody drags the hand; the option is `plant`."""
+        """The mirrored recording to and fro, until the live user drags the hand; the option is `plant`."""
         return LiveMirror(config)

@@ -1,4 +1,4 @@
-"""Where everything stands: the recording laid into the robot's frame, mirrored, and handed to the robot's tool."""
+"""The layout of a run: the recording moved into the robot's frame, mirrored, and converted to poses of the tool."""
 
 from __future__ import annotations
 
@@ -32,40 +32,40 @@ from rehab_opt.text_file import times
 __all__ = ["Setup", "laid_out", "path_notes"]
 
 UNITY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Unity's axes in a frame of robots: p = (z, -x, y)."""
+"""Unity's axes in a robot's frame: p = (z, -x, y)."""
 ARM_HAND = {
     "left": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
     "right": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
 }
-"""Axes fingers, back and across of a hand in the hand frame of `human_arm`: x along the handle, towards the thumb, z to
-the fingers; of a left hand -y, of a right one +y is the back."""
+"""Axes fingers, back and across of a hand in the hand frame of `human_arm`: x along the handle towards the thumb, z to
+the fingers; the back is -y of a left hand and +y of a right one."""
 
 
 ARM_NEAR = 5e-3, math.radians(5.0)
-"""[m, rad] up to which an arm does a pose."""
+"""[m, rad] Deviation up to which an arm reaches a pose."""
 SLOW, TREMBLES = 2.0, 0.05
-"""[Hz] A hand that reaches goes hardly any way faster; share of its way from which on that is said."""
+"""[Hz] Reaching hands hardly move at higher frequencies; fraction of the path above which a note reports tremor."""
 STILL = 1e-3
-"""[m] within which a hand that goes nowhere stays."""
+"""[m] Extent below which a hand counts as at rest."""
 SAME_TIME = 1e-3
-"""[s] by which stamps of hand and patient may differ."""
+"""[s] Largest difference between stamps of hand and patient."""
 TOGETHER = 0.5
-"""[s] of the recording within which changes of posture are told as one."""
+"""[s] Changes of posture closer in time are reported as one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What a run needs of its surroundings.
+    """The robot, person and reference of a run.
 
     Parameters
     ----------
-    robot, start : the arm, and its joint positions (n,) [rad] at the beginning.
-    mirror : of the patient; of one who moves, at the first sample.
-    reference : poses of the tool, the recording mirrored; even samples.
-    recorded : (N, 3) [m] the healthy hand in the robot's frame, where it was seen; not filtered.
-    person : the arm that is led, in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
-    fit : of the recording's frame, where points fix it.
-    notes : what a reader of the result has to know.
+    robot, start : the arm, and its starting joint positions (n,) [rad].
+    mirror : mirror plane of the patient; for a moving patient, at the first sample.
+    reference : poses of the tool from the mirrored recording, at equal intervals.
+    recorded : (N, 3) [m] healthy hand in the robot's frame, unfiltered, without lost samples.
+    person : the led arm in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
+    fit : fit of the recording's frame to calibration points.
+    notes : notes for a reader of the result.
     """
 
     robot: SerialChain
@@ -99,24 +99,24 @@ class Setup:
 
     @property
     def led(self) -> Conditioned:
-        """M samples that the robot is led along: the reference, or what the person's arm does of it (`arm_path`)."""
+        """M samples for the robot: the reference, or the part of it that the person's arm can do (`arm_path`)."""
         return self._path[0]
 
     @property
     def reference_index(self) -> NDArray[np.int_]:
-        """(M,) which sample of the reference each of `led` is; the same again while the arm changes its posture."""
+        """(M,) index of the reference sample for each sample of `led`; constant while the arm changes its posture."""
         return self._path[1]
 
     @cached_property
     def beyond(self) -> Array:
-        """(M, 2) [m, rad] from each pose of `led` to the reference; zero where sight was lost."""
+        """(M, 2) [m, rad] from each pose of `led` to the reference; zero where the tracker lost the hand."""
         reference, led = self.reference.poses[self.reference_index], self.led.poses
         away = np.linalg.norm(led[:, :3, 3] - reference[:, :3, 3], axis=1)
         turned = angles_between(reference[:, :3, :3], led[:, :3, :3])
         return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
 
     def reference_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
-        """The reference (K, 4, 4) where `led` (K, 4, 4) was followed, at seconds from its beginning, and `beyond`."""
+        """The reference (K, 4, 4) for followed poses `led` (K, 4, 4), `seconds` after its beginning, and `beyond`."""
         step = float(self.led.times[1] - self.led.times[0])
         k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.reference_index) - 1)
         wanted, done, found = self.reference.poses[self.reference_index[k]], self.led.poses[k], led.copy()
@@ -126,11 +126,11 @@ class Setup:
 
 
 def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
-    """Read the recording and lay everything out.
+    """Read the recording and compute the layout.
 
     Raises
     ------
-    ProblemFileError : a recording or a value that cannot be used.
+    ProblemFileError : a recording or a value that is not valid.
     """
     problem, file = config.problem, config.file
     robot, start = robot_at_start(config)
@@ -195,7 +195,9 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
 
 
 def path_notes(scene: Setup) -> Iterator[str]:
-    """How large and fast the reference is, how much of it the led arm does, and when that changes its posture."""
+    """Notes on the reference's size and speed, the fraction of it that the led arm does, and the arm's changes of
+    posture.
+    """
     seen, times = ~scene.reference.lost, scene.reference.times
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
     yield size_note(reference)
@@ -228,28 +230,28 @@ def path_notes(scene: Setup) -> Iterator[str]:
 
 
 def _way(points: Array) -> float:
-    """[m] along points (N, 3)."""
+    """[m] Length of the path through points (N, 3)."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:
     """(3, 3) whose columns are fingers, back and across in the recording's hand frame, its axes turned to the robot's.
 
-    Across is fingers x back, in the robot's (right-handed) kind of frame.
+    Across is fingers x back in a right-handed frame.
     """
     fingers, back = (_axis(name, unity=section.frame == "unity") for name in (section.fingers, section.back))
     return np.column_stack([fingers, back, np.cross(fingers, back)])
 
 
 def patient_mirror(section: PatientSection) -> Mirror:
-    """The patient's sagittal plane; hands in the frame fingers, back, across."""
+    """The mirror plane of the patient; hands in the frame fingers, back, across."""
     facing = math.radians(section.facing_deg)
     x, y, z = section.sagittal_point_m
     return Mirror((x, y, z), (-math.sin(facing), math.cos(facing), 0.0), "z")
 
 
 def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
-    """(N, 4, 4) poses of the hand in the recording's frame, right-handed, the hand's axes fingers, back and across."""
+    """(N, 4, 4) hand poses in the recording's frame, right-handed, with the hand axes fingers, back and across."""
     positions, quaternions = seen.positions, seen.quaternions
     if section.frame == "unity":
         positions, quaternions = robot_from_unity(positions, quaternions)

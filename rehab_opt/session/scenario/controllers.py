@@ -1,4 +1,4 @@
-"""The controllers of a scenario with the numbers of its file, and what its trials share."""
+"""The controllers of a scenario with the numbers of its file, and the parts that its trials share."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from rehab_opt.session.scenario.trials import Law
 __all__ = ["assistance_of", "assisted_law", "follows_path", "law_of", "scene_of"]
 
 SHORTEST_WAY = 1e-3
-"""[m] between points; a single point needs no pace."""
+"""[m] Least distance between points; a single point needs no time scaling."""
 REST = 0.5
-"""[s] A reach is over when the hand has been at its goal so long."""
+"""[s] A reach is over when the hand has been at its goal for this time."""
 
 
 def scene_of(config: ProblemFile[ScenarioProblem], context: Precomputed) -> Scene:
-    """What all trials share."""
+    """The parts that all trials share."""
     problem = config.problem
     arrival = Arrival(1e-3 * problem.task.within_mm, REST) if problem.mode in REACHES else None
     return Scene(
@@ -50,12 +50,12 @@ def scene_of(config: ProblemFile[ScenarioProblem], context: Precomputed) -> Scen
 def law_of(
     name: Law, config: ProblemFile[ScenarioProblem], context: Precomputed, *, solver: str | None = None
 ) -> ForceLaw:
-    """A controller as the loop calls it.
+    """A controller in the interface of the loop.
 
     Raises
     ------
-    ProblemFileError : a value of the file cannot be used.
-    ConfigurationError : `solver` cannot be used.
+    ProblemFileError : a value of the file is not valid.
+    ConfigurationError : `solver` is not valid.
     """
     problem = config.problem
     dt = 1 / problem.run.rate_hz
@@ -71,7 +71,7 @@ def law_of(
 
 
 def assisted_law(problem: ScenarioProblem, context: Precomputed, assistance: Assistance | PathAssistance) -> Assisted:
-    """Ours as the loop calls it: with a fixed field, or one that is shifted from point to point."""
+    """Our controller in the interface of the loop, with a fixed field or one that moves from point to point."""
     if problem.mode != "hold" or isinstance(assistance, PathAssistance):
         return Assisted(assistance)
     return AssistedAtPoints(assistance, context.reference, _pace(problem, context.reference))
@@ -80,11 +80,11 @@ def assisted_law(problem: ScenarioProblem, context: Precomputed, assistance: Ass
 def assistance_of(
     problem: ScenarioProblem, context: Precomputed, *, solver: str | None = None, backup: str | None = None
 ) -> Assistance | PathAssistance:
-    """Ours, of the whole field; along a path that may cross itself, by progress along it.
+    """Our controller with the whole field; along a path that may cross itself, with progress along the path.
 
     Raises
     ------
-    ConfigurationError : a value that cannot be used.
+    ConfigurationError : a value that is not valid.
     """
     said, numbers = problem.assistance, context.numbers
     bounds = bounds_of(problem, solver=solver)
@@ -109,12 +109,14 @@ def assistance_of(
 
 
 def follows_path(problem: ScenarioProblem, context: Precomputed) -> bool:
-    """Whether the help is `PathAssistance`, not a field."""
+    """Whether the assistance is `PathAssistance`, not a field."""
     return problem.mode == "follow" and not context.numbers.drag
 
 
 def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
-    """Bounds with which the longest way between points takes about `movement_s`, each axis by itself."""
+    """Speed and acceleration limits with which the longest distance between points takes about `movement_s`, per
+    axis.
+    """
     way = max(float(np.abs(np.diff(points, axis=0)).max(initial=0.0)), SHORTEST_WAY)
     seconds = problem.task.movement_s
     # The largest speed, acceleration and jerk of the minimum-jerk motion of that length and time.
@@ -128,7 +130,7 @@ def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
 
 
 def _field_law(problem: ScenarioProblem, context: Precomputed) -> FieldLaw:
-    """The paper's field of the same numbers; in "resist" k1 < 0 gives the same force where the path begins."""
+    """The paper's field with the same numbers; in "resist", k1 < 0 gives the same force at the start of the path."""
     field, numbers = context.fields[0], context.numbers
     drag = -field.drag if problem.mode == "resist" else numbers.drag
     return FieldLaw(

@@ -1,4 +1,4 @@
-"""Fields learnt from what a therapist showed: the recordings that a problem file names, and what was learnt of them."""
+"""Fields learnt from a therapist's demonstrations: the recordings that a problem file names, and the result."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = ["fit_metrics", "learnt", "needed_demonstrations"]
 
 KEY = "task.demonstrations"
 MOST = {"stiffness": 1e5, "drag": 1e5, "damping": 1e4}
-"""As in a file that gives them."""
+"""Upper limits, as for values in a file."""
 
 
 class Learnt(NamedTuple):
-    """A field, what it was learnt from (in the robot's frame), and what was noticed."""
+    """A field, the demonstrations that it was learnt from (in the robot's frame), and notes on them."""
 
     field: PotentialField
     shown: tuple[Demonstration, ...]
@@ -37,18 +37,19 @@ class Learnt(NamedTuple):
 
 
 def needed_demonstrations(problem: ScenarioProblem) -> tuple[Needed, ...]:
-    """The recordings of the therapist."""
+    """The recordings of the therapist's demonstrations."""
     told = problem.task.demonstrations
     return () if told is None else tuple(Needed(f"{KEY}.files", file) for file in told.files)
 
 
 def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt | None:
-    """The field of the demonstrations around `path` (N, 2) [m] or, without one, their mean; None if none is named.
+    """The field of the demonstrations around `path` (N, 2) [m], or without a path around their mean; None without
+    demonstrations.
 
     Raises
     ------
-    ProblemFileError : a recording is absent, cannot be used, or has no forces; they cannot be learnt from, or what they
-        show has no rest at its end.
+    ProblemFileError : a recording is missing, invalid or without forces; no field fits; or the demonstrations do not
+        end at rest.
     """
     if config.problem.task.demonstrations is None:
         return None
@@ -60,7 +61,7 @@ def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt |
 
 
 def fit_metrics(fit: Fit) -> dict[str, Any]:
-    """For metrics.json: keys that end in their unit, None where there is no number."""
+    """Numbers for metrics.json: keys end in their unit; None for a missing number."""
     names = (("stiffness", "stiffness_N_m"), ("drag", "drag_N_m"), ("damping", "damping_Ns_m"))
     return {
         **{key: fit.parameters[name] for name, key in names},
@@ -121,7 +122,7 @@ def _field(
 
 
 def _as_key(config: ProblemFile[ScenarioProblem], refused: ConfigurationError) -> ProblemFileError:
-    """A refusal of what is learnt from, by the key and the recording that it is about."""
+    """An error about the demonstrations, with the key and the recording that it concerns."""
     number = re.fullmatch(r"demonstrations\[(\d+)\]", refused.argument)
     if number is None:
         keys = {"width": "field.widths_mm", "demonstrations": KEY}
@@ -137,15 +138,15 @@ def _as_key(config: ProblemFile[ScenarioProblem], refused: ConfigurationError) -
 
 
 RESTING, MOSTLY = 0.005, 0.6
-"""[m/s] A hand slower than this rests; share of samples from which on rests decide what is learnt."""
+"""[m/s] A slower hand is at rest; fraction of samples at rest above which these decide the fit."""
 CLEARLY = 2.0
-"""Standard errors: a stiffness that is less above zero is told to be hardly known."""
+"""A stiffness less than this many standard errors above zero is reported as uncertain."""
 WORST = 0.5
-"""Share of the held-out forces from which on a field reproduces them badly."""
+"""Fraction of the held-out forces above which the error of a field is reported as large."""
 
 
 def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> Iterator[str]:
-    """What to look for in the recordings."""
+    """Notes on the recordings."""
     slow = [float(np.mean(np.linalg.norm(each.velocities, axis=1) < RESTING)) for each in shown]
     if max(slow) > MOSTLY:
         assert problem.task.demonstrations is not None
@@ -163,7 +164,7 @@ def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> I
 
 
 def _fit_notes(fit: Fit, shown: int) -> Iterator[str]:
-    """What was learnt, in sentences."""
+    """Notes on the fitted field."""
     said, spread = fit.parameters, fit.standard_error
     numbers = ", ".join(
         f"{symbol} = {said[name]:.3g} +- {spread[name]:.2g} {unit}"

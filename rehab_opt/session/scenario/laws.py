@@ -1,4 +1,4 @@
-"""The three laws of a trial, as a loop calls them: none, ours, the paper's."""
+"""The three controllers of a trial, in the interface of the loop: none, ours, and the paper's."""
 
 from __future__ import annotations
 
@@ -40,44 +40,45 @@ NONE = (0.0, 0.0)
 
 
 class ForceLaw(ABC):
-    """Positions in, forces out."""
+    """A controller from positions to forces."""
 
     notes: tuple[str, ...] = ()
-    """What of its numbers does not go together."""
+    """Notes on parameters that do not fit together."""
     desired_force: tuple[float, float] = NONE
-    """[N] desired in the last tick, before bounds."""
+    """[N] Desired force of the last tick, before bounds."""
     energy_left: float = math.nan
-    """[J] in the tank; NaN where there is none."""
+    """[J] Energy left in the tank; NaN without a tank."""
     led: tuple[float, float] | None = None
-    """[m] Where somebody leads the hand of who does it along, in their workspace; None: where that one means to be."""
+    """[m] Position to which the live user leads the helper's hand, in the helper's workspace; None: the helper follows
+    their own intention."""
     along: tuple[float, float, float, float] = (math.nan,) * 4
-    """[m, N] That hand, and the force on it; NaN where there is none."""
+    """[m, N] Position of the helper's hand, and the force on it; NaN without a helper."""
 
     def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
-        """A trial begins."""
+        """Start a trial."""
 
     def set_goal(self, goal: int) -> None:  # noqa: B027  (most have one field for all)
-        """The goal has changed."""
+        """Set a new goal."""
 
     @abstractmethod
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The force (2,) [N] for a hand at (x, y) [m]; `enable` and `stamp` as a controller takes them."""
+        """The force (2,) [N] for a hand at (x, y) [m]; `enable` and `stamp` as in `Assistance.step`."""
 
     def partner(self) -> dict[str, Array]:
-        """Columns of who has done the trial along with the participant; none where there is nobody."""
+        """Trace columns of the helper; empty without one."""
         return {}
 
 
 class Unassisted(ForceLaw):
-    """The robot follows the hand without a force of its own."""
+    """The robot follows the hand and adds no force."""
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """No force."""
+        """Zero force."""
         return uncertified(NONE)
 
 
 def uncertified(force: tuple[float, float]) -> Command:
-    """A force [N] of a law that certifies nothing."""
+    """A command with a force [N] of a controller without a certificate."""
     return Command(np.array(force), Status.OK, "", math.inf, -1, "", Relaxed.NOTHING, 1.0)
 
 
@@ -88,25 +89,25 @@ class Assisted(ForceLaw):
         self._assistance, self.notes = assistance, assistance.notes
 
     def start(self, number: int) -> None:
-        """No force yet, and a full tank."""
+        """Start with zero force and a full tank."""
         self._assistance.reset()
         self.desired_force, self.energy_left = NONE, self._assistance.energy_left
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The certified force with how it came about."""
+        """The certified force, with its status and reason."""
         command = self._assistance.step((x, y), enable=enable, stamp=stamp)
         self.desired_force, self.energy_left = self._assistance.desired_force, self._assistance.energy_left
         return command
 
 
 class AssistedAtPoints(Assisted):
-    """Holds one point after the other; on the way from one to the next the field is shifted by a `Smoother`.
+    """Holds one point after the other; between points a `Smoother` shifts the field.
 
-    A field that jumped to the next point would pull the hand there as fast as its force allows.
+    A field that jumps to the next point would pull the hand there with its full force.
 
     Parameters
     ----------
-    assistance : with the field of points[0]. points : (M, 2) [m]. pace : how fast the field is shifted.
+    assistance : with the field of points[0]. points : (M, 2) [m]. pace : limits the motion of the field.
     """
 
     def __init__(self, assistance: Assistance, points: Array, pace: Smoother) -> None:
@@ -115,17 +116,17 @@ class AssistedAtPoints(Assisted):
         self._points, self._pace = points, pace
 
     def start(self, number: int) -> None:
-        """At the first point."""
+        """Start at the first point."""
         super().start(number)
         self._goal, self._there = self._points[0], False
         self._pace.reset(self._points[0])
 
     def set_goal(self, goal: int) -> None:
-        """To the next one."""
+        """Move to the next point."""
         self._goal, self._there = self._points[goal], False
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The certified force towards where the field now is."""
+        """The certified force towards the field's current position."""
         if not self._there:
             to_x, to_y = (self._pace.step(self._goal).value - self._points[0]).tolist()
             self._shifting.shift(to_x, to_y)
@@ -134,14 +135,14 @@ class AssistedAtPoints(Assisted):
 
 
 class Published(ForceLaw):
-    """Eq. (20) with a hard gate and a clip; velocities by differences of positions, `dt` [s] apart."""
+    """Eq. (20) with a hard gate and a clip; velocities are differences of positions, `dt` [s] apart."""
 
     def __init__(self, law: FieldLaw, *, dt: float) -> None:
         self._law, self._dt = law, dt
         self.start(0)
 
     def start(self, number: int) -> None:
-        """Nothing is known of the velocity."""
+        """Forget the last position: the velocity is unknown."""
         self._last: tuple[float, float] | None = None
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
@@ -155,18 +156,18 @@ class Published(ForceLaw):
 
 
 BOUNDED: tuple[Law, ...] = ("assisted", "together", "delayed")
-"""Laws that have a slew limit."""
+"""Controllers with a slew limit."""
 
 
 def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
-    """What `settling_notes` has to say of each law, in the keys of a problem file."""
+    """The notes of `settling_notes` for each controller, with the keys of a problem file."""
     for name, law in laws.items():
         for note in law.notes:
             yield f"{name}: {note.replace('slew_limit =', 'assistance.slew_limit_N_s =')}"
 
 
 def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
-    """What both sides of a pair and the assistance have in common; `solver` goes before the file's."""
+    """Bounds that both sides of a pair share with the assistance; `solver` overrides the file's."""
     keys = ("slew_limit_N_s", "growth_limit_N_s", "energy_budget_J", "speed_cap_m_s")
     return {
         **problem.assistance.arguments(*keys),  # type: ignore[typeddict-item]
@@ -178,12 +179,12 @@ def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
 
 @contextmanager
 def bounds_refusals(config: ProblemFile[ScenarioProblem], *, solver: str | None, section: str) -> Iterator[None]:
-    """Name the file's key, or `--solver`, where a law cannot be made.
+    """Name the file's key, or `--solver`, if a controller refuses it.
 
     Raises
     ------
-    ProblemFileError : a value of the file is refused.
-    ConfigurationError : `solver` is.
+    ProblemFileError : a value of the file is not valid.
+    ConfigurationError : `solver` is not valid.
     """
     own = {"solver": "run.solver"}
     with (
@@ -194,7 +195,7 @@ def bounds_refusals(config: ProblemFile[ScenarioProblem], *, solver: str | None,
 
 
 def check_bounds(config: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
-    """Refuse solver and bounds before anything is computed; see `bounds_refusals`."""
+    """Check solver and bounds before any computation; see `bounds_refusals`."""
     problem = config.problem
     with bounds_refusals(config, solver=solver, section="assistance"):
         BoundedForce(

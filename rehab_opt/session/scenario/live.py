@@ -1,4 +1,4 @@
-"""`system = "scenario"`: what a session asks of it, and what it is live, where somebody may point."""
+"""`system = "scenario"`, run and live; in a live run the user may point at the goal."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ __all__ = ["LiveScenario"]
 
 
 LIVE: tuple[Law, ...] = ("assisted", "together", "delayed")
-"""Controllers of which the first that a file has is run."""
+"""The live run uses the first of these controllers that the file names."""
 ARROWS = 15
-"""Of the field across the picture."""
+"""Number of arrows across the picture."""
 THIN = 0.006
-"""[m] of the person's arm in a picture that may be narrow."""
+"""[m] Radius of the person's arm in the picture."""
 WEAK = 0.02
-"""Fraction of the largest force of the field below which no arrow is drawn."""
+"""Fraction of the field's largest force below which no arrow is drawn."""
 
 
 class LiveScenario(LiveProblem):
@@ -61,7 +61,9 @@ class LiveScenario(LiveProblem):
         return precompute(self._config, progress=lambda *_: None)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The controller "assisted" of `rehab-opt run`, or else of a pair, at the person and robot of its trials."""
+        """The controller "assisted" of `rehab-opt run`, or else a pair, with the person and robot of the file's
+        trials.
+        """
         context, problem = self.context, self._config.problem
         law = law_of(self._law, self._config, context, solver=self._solver)
         scene = scene_of(self._config, context)
@@ -69,7 +71,9 @@ class LiveScenario(LiveProblem):
 
     @cached_property
     def _person(self) -> tuple[ArmBodies, ArmIK]:
-        """The arm within what is helped, in the robot's frame, its hand at height zero; what postures it may have."""
+        """The arm within the reachable workspace, in the robot's frame, with its hand at height zero; and its posture
+        limits.
+        """
         section = self._config.problem.arm
         arm = arm_of(section.side, section.segments, section.reachable, file=self._config.file)
         place = placement_of(section).pose
@@ -78,7 +82,7 @@ class LiveScenario(LiveProblem):
         return ArmBodies(arm, radius=THIN), ArmIK(arm, handle_tilt=tilt_of(section), compile=False)
 
     def scene(self) -> dict[str, Any]:
-        """W_c, W_r, the reference, the field's pull on a hand at rest."""
+        """W_c, W_r, the reference, and the field's force on a hand at rest."""
         context, said = self.context, self._config.problem.assistance
         reference = _flat(context.reference)
         pair, holds = self.hands == 2, self._config.problem.mode == "hold"
@@ -124,7 +128,7 @@ class LiveScenario(LiveProblem):
         }  # fmt: skip
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Hand, what is meant, both forces, the person's arm."""
+        """Hand, intended position, both forces, and the person's arm."""
         hand, target = [*shown["hand"].tolist(), 0.0], [*shown["meant"].tolist(), 0.0]
         arrows = [
             [*hand, *shown[name].tolist(), 0.0, colour] for name, colour in (("force", PURPLE), ("exerted", ORANGE))
@@ -152,7 +156,7 @@ class LiveScenario(LiveProblem):
 
 
 def _flat(points: Array) -> Array:
-    """(N, 3) of places (N, 2) in the plane."""
+    """(N, 3) from positions (N, 2) in the plane."""
     return np.column_stack([points, np.zeros(len(points))]).round(5)
 
 
@@ -163,7 +167,7 @@ def _outlines(workspace: Workspace) -> list[list[list[float]]]:
 
 
 def _arrows(context: Precomputed, low: Array, high: Array, reach: float) -> list[list[Any]]:
-    """The pull of the field (its first, where there are many) on a hand at rest; not gated."""
+    """The field's force on a hand at rest, without the gate; of several fields the first."""
     middle, half = 0.5 * (low + high)[:2], 0.5 * reach
     axis = np.linspace(-half, half, ARROWS)
     places = [middle + np.array((x, y)) for x in axis for y in axis]

@@ -1,4 +1,4 @@
-"""One trial in closed loop: person and robot with the numbers of a problem file, and a law."""
+"""One trial in closed loop: the person and robot of a problem file with one controller."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ __all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_m
 
 STOOD = reason_text(NUMBER["HAND_STANDS"], ())
 STABLE = 1 + 1e-6
-"""Growth a tick that rounding makes of none."""
+"""Largest growth per tick that counts as rounding."""
 
 
 def person_of(problem: ScenarioProblem) -> Person:
-    """The simulated person's numbers."""
+    """The parameters of the simulated person."""
     own = {"wander_s": "wander_time", "spasms_per_s": "spasm_rate", "spasm_N": "spasm_force", "spasm_s": "spasm_time"}
     return Person(**problem.person.arguments(**own))
 
 
 def robot_model_of(config: ProblemFile[ScenarioProblem]) -> RobotModel:
-    """The simulated robot's numbers.
+    """The parameters of the simulated robot.
 
     Raises
     ------
-    ProblemFileError : its force loop is unstable with this hand, or a simulation in ticks so long is.
+    ProblemFileError : the force loop is unstable with this hand, or its simulation is at this tick.
     """
     person, rate = config.problem.person, config.problem.run.rate_hz
     model = RobotModel(**config.problem.robot.arguments(sensor_noise_N="noise"))
@@ -80,50 +80,52 @@ def hand_robot_of(config: ProblemFile[ScenarioProblem]) -> MakesRobots:
 
 
 CALM = 0.02
-"""[m/s] A hand that is slower than this has arrived."""
+"""[m/s] A slower hand has arrived."""
 
 
 class Arrival(NamedTuple):
-    """When a reach is over: the hand has been within so far [m] of its goal, and calm, for so long [s]."""
+    """End of a reach: the hand was within a distance [m] of its goal, at rest, for a time [s]."""
 
     within: float
     seconds: float
 
 
 class Scene(NamedTuple):
-    """What the trials of a scenario share."""
+    """The parts that all trials of a scenario share."""
 
     comfortable: Workspace
     person: Person
     robot: MakesRobots
     intention: Intention
     arrival: Arrival | None
-    """None where the time says when the trial is over."""
+    """None if the trial ends by time."""
     dt: float
 
     @property
     def pace(self) -> Pace:
-        """Of a new trial."""
+        """Pace of the intention in a new trial."""
         return Pace(self.intention, self.person.aims, ahead=self.person.ahead)
 
 
 LONGEST = 120.0
-"""[s] after which person and robot begin anew where they are, where trials follow one another."""
+"""[s] In repeated trials, the time after which person and robot restart at their current positions."""
 HELD = LiveInputs(enable=True)
 
 
 class Helping(LiveControl):
-    """A law and a simulated person, who means what the file says, or what somebody points at.
+    """A controller and a simulated person; the person intends the file's motion, or the point that the live user
+    selects.
 
     Parameters
     ----------
-    law : started for the trial `number`. scene : of all trials. seed : of the person's moods and the sensor's noise.
-    endless : whether a trial that is over is followed by the next one, from where the hand is.
-    plant : in place of this person at the robot, as of a log.
+    law : started for the trial `number`. scene : shared by all trials. seed : for the person's variability and the
+        sensor noise.
+    endless : after a trial the next one starts at the hand's current position.
+    plant : replaces this person and robot, for example when a log is replayed.
 
     Attributes
     ----------
-    now : tick of the intention that is meant.
+    now : current tick of the intention.
     """
 
     def __init__(
@@ -144,7 +146,7 @@ class Helping(LiveControl):
         law.start(number)
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """The law's; the person means nothing unless they are enabled, or somebody points."""
+        """One tick of the controller; the person intends nothing unless enabled, or the live user selects a point."""
         person = self.person
         person.target = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
         self.law.led = inputs.helper[:2] if all(map(math.isfinite, inputs.helper)) else None
@@ -163,7 +165,7 @@ class Helping(LiveControl):
         return command
 
     def shown(self) -> dict[str, ArrayLike]:
-        """Hand, what is meant, the forces."""
+        """Hand, intended position and forces."""
         return {
             "hand": self.person.hand[:2], "meant": self._meant[self.now][:2], "force": self._force,
             "desired": self.law.desired_force, "exerted": self.person.exerted, "energy": self.law.energy_left,
@@ -172,14 +174,16 @@ class Helping(LiveControl):
 
 
 def simulate_trial(scene: Scene, law: ForceLaw, *, number: int, seed: int) -> Trace:
-    """One trial from rest at the intention's first place; the seed decides the person's moods and the sensor's."""
+    """One trial from rest at the intention's first position; the seed determines the person's and the sensor's
+    noise.
+    """
     intention, arrival = scene.intention, scene.arrival
     control = Helping(law, scene, number=number, seed=seed, endless=False)
     needed = math.inf if arrival is None else math.ceil(arrival.seconds / scene.dt)
     calm = 0
 
     def arrived() -> bool:
-        """Whether the hand has been at its goal, and calm, for long enough, after a tick."""
+        """Whether, after a tick, the hand has been at its goal and at rest for long enough."""
         nonlocal calm
         if arrival is None:
             return False

@@ -1,6 +1,6 @@
-"""What is measured of a trial: deviation, force, speed, time, and the clinical measures of reaching.
+"""Measures of a trial: deviation, force, speed, time, and the clinical measures of reaching.
 
-Every key ends in its unit, every value is strict JSON; None says that there is no such number.
+Every key ends in its unit, and every value is strict JSON; None means that the number does not exist.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Ticks = NDArray[np.bool_]
 Numbers = dict[str, Any]
 
 COVERED = 0.95
-"""Share of a path that must be covered in order for a trial to succeed."""
+"""Fraction of a path that must be covered, in order, for a trial to succeed."""
 LETTING_GO = (Status.RELEASING.value, Status.RELEASED.value)
 
 
@@ -46,15 +46,16 @@ def trial_measures(
 
     Parameters
     ----------
-    reference : (M, 2) [m] the path, or the points to be held.
-    target : (2,) [m] the point to be reached; None where any place of the reference will do (stretch), or for the end
-        of the reference (follow); not asked for in "hold".
-    within : [m] nearer than this is on the target, and covers a path.
-    jump : [m] of a path that may be passed over and still counts as covered; twice `within` where it is not said.
+    reference : (M, 2) [m] the path, or the points to hold.
+    target : (2,) [m] the point to reach; None if any point of the reference will do (stretch), or for the end of the
+        reference (follow); not needed in "hold".
+    within : [m] a hand within this distance is on the target, and covers a path.
+    jump : [m] stretch of a path that may be skipped and still counts as covered; default twice `within`.
 
     Raises
     ------
-    ConfigurationError : a trial of less than two ticks, a reference that is no path, a tolerance not above zero.
+    ConfigurationError : a trial of fewer than two ticks, a reference that is no path, or a tolerance that is not
+        positive.
     """
     if len(trial["t_s"]) < 2:
         raise ConfigurationError("trial", f"{len(trial['t_s'])} ticks", "two ticks or more")
@@ -83,9 +84,9 @@ def trial_measures(
 
 
 def deviation_of(trial: Trace, path: Array, mode: Mode) -> tuple[Array, Ticks]:
-    """(N,) [m] from `path` (M, 2), from the place of it that is due where it is followed, or from the point to be held.
+    """(N,) [m] distance from `path` (M, 2), from its current point if the path is followed, or from the point to hold;
 
-    And (N,) the ticks in which it counts.
+    and (N,) the ticks in which it counts.
     """
     if mode != "hold":
         follows, where = mode == "follow", trial["_hand"]
@@ -174,13 +175,13 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
 
 
 def _from_intended(trial: Trace) -> Numbers:
-    """How far the hand was from where the person meant to be."""
+    """Distance of the hand from the person's intended position."""
     behind = np.linalg.norm(trial["_hand"] - trial["intended"], axis=1)
     return {"from_intended_mean_m": float(behind.mean()), "from_intended_max_m": float(behind.max())}
 
 
 def _reached_fraction(trial: Trace, on_target: Ticks) -> float:
-    """Of the points that were to be held, how many the hand was at while it was to be there."""
+    """Fraction of the points to hold that the hand reached in time."""
     goals = {tuple(goal) for goal in trial["goal"][np.isfinite(trial["goal"]).all(axis=1)].tolist()}
     reached = {tuple(goal) for goal in trial["goal"][on_target].tolist()}
     return len(reached) / len(goals) if goals else 0.0
@@ -202,18 +203,19 @@ def _statuses(trial: Trace) -> Numbers:
 
 
 def _tick(trial: Trace) -> float:
-    """[s]"""
+    """Tick of the trial [s]."""
     return float(np.median(np.diff(trial["t_s"])))
 
 
 NEAR = 0.25
-"""Share of the reference that counts as near its end."""
+"""Fraction of the reference that counts as near its end."""
 
 
 def promised(trial: Trace, where: Projection, mode: Mode) -> dict[str, Any]:
-    """The numbers of one trial; `where` are its places on the reference.
+    """Numbers that the controller guarantees, for one trial; `where` are its positions on the reference.
 
-    The size of the commanded force may not grow inside. Along the reference, towards its end, only outside W_c counts.
+    Inside W_c the magnitude of the commanded force may not grow. The force along the reference, towards its end, counts
+    only outside W_c.
     """
     desired, commanded = (
         np.linalg.norm(trial["force_desired"], axis=1),
@@ -236,10 +238,10 @@ def promised(trial: Trace, where: Projection, mode: Mode) -> dict[str, Any]:
 
 
 def time_to_zero_force(trial: Trace) -> float | None:
-    """[s] from entering W_c, or the start in it, until the force is exactly zero: the longest of all stays.
+    """[s] longest time from entering W_c, or from a start inside, until the force is exactly zero.
 
-    A stay that ends before counts with its length, so that it cannot hide a force that was never let go. None where
-    the hand was never inside.
+    A stay that ends before that counts with its full length, so that it cannot hide a force that was never released.
+    None if the hand was never inside.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([0], trial["inside"].astype(np.int8), [0]))))
     zero: NDArray[np.bool_] = (trial["force_commanded"] == 0).all(axis=1)
@@ -265,16 +267,16 @@ LESS_IS_WORSE = frozenset(
         "pair_energy_left_min_J",
     }
 )
-"""Of all other measures the largest is the worst."""
+"""For all other measures the largest value is the worst."""
 NEVER_IS_WORST = frozenset({"time_to_target_s"})
-"""Where a trial that has no such number is the worst of all."""
+"""For these, a trial without the number is the worst."""
 
 
 def law_summary(measures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Mean and worst of every number over the trials, and the share of trials that succeeded.
+    """Mean and worst of every number over the trials, and the fraction of successful trials.
 
-    A mean is over the trials that have the number, None where none has. The worst of a time that a trial never came to
-    is None.
+    A mean is over the trials that have the number, and None without any. The worst time is None if a trial never
+    reached the event.
     """
     mean: dict[str, Any] = {}
     worst: dict[str, Any] = {}

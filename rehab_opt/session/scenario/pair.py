@@ -1,4 +1,4 @@
-"""Helper and participant of a problem file as a law of the loop, the helper simulated along, and what is measured."""
+"""Helper and participant of a problem file as a controller of the loop, with a simulated helper, and their measures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["pair_measures", "pair_of", "sides_of", "together_of"]
 
 
 class Helper(NamedTuple):
-    """Who helps, with which robot, and what they mean to do in their workspace."""
+    """The helper, their robot, and their intended motion in their workspace."""
 
     person: Person
     robot: MakesRobots
@@ -36,12 +36,12 @@ class Helper(NamedTuple):
 
 
 class Together(ForceLaw):
-    """The participant's side of a `Bilateral` pair; the helper's hand and robot are simulated along with it.
+    """The participant's side of a `Bilateral` pair; the helper's hand and robot are simulated in the same loop.
 
     Parameters
     ----------
-    both : the pair. helper : the other end, who begins anew at the end of what they mean to do.
-    seed : of the helper's moods, to which a trial's number is added.
+    both : the pair. helper : the other end; the helper restarts at the end of the intended motion.
+    seed : seed of the helper's variability; a trial's number is added.
     """
 
     def __init__(self, both: Bilateral, helper: Helper, *, seed: int) -> None:
@@ -49,7 +49,7 @@ class Together(ForceLaw):
         self.notes = both.participant.force.notes
 
     def start(self, number: int) -> None:
-        """A new trial: both at rest, nothing under way."""
+        """Start a new trial: both sides at rest, no messages under way."""
         meant = self._helper.intention
         self._both.reset()
         self._meant = np.hstack((meant.places, meant.velocities)).tolist()
@@ -57,7 +57,7 @@ class Together(ForceLaw):
         self._begin(number, (x, y))
 
     def _begin(self, number: int, start: tuple[float, float]) -> None:
-        """The helper at rest at a place, with moods and noise for one trial."""
+        """Put the helper at rest at a position, with the noise of one trial."""
         helper, dt, ticks, seed = self._helper, self._both.dt, len(self._meant), (self._seed + number, 2)
         self._person = SimulatedPerson(helper.person, helper.workspace, dt=dt, ticks=ticks, seed=seed)
         rng = np.random.default_rng((*seed, 1))
@@ -66,7 +66,7 @@ class Together(ForceLaw):
         self._rows: list[tuple[float, ...]] = []
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The participant's force; the helper moves on by a tick, or rests where the participant is let go of."""
+        """The participant's force; the helper moves by a tick, or rests while the participant is not enabled."""
         if len(self._rows) == len(self._meant):
             self._begin(self._number + 1, (self._robot.x, self._robot.y))
         both, robot = self._both, self._robot
@@ -81,7 +81,7 @@ class Together(ForceLaw):
         return drawn
 
     def _means(self, enable: object) -> list[float]:
-        """Where the helper's hand is meant to be [m], and how fast [m/s]."""
+        """Intended position [m] and velocity [m/s] of the helper's hand."""
         if not enable:
             return [self._robot.x, self._robot.y, 0.0, 0.0]
         if self.led is not None:
@@ -91,7 +91,7 @@ class Together(ForceLaw):
         return meant
 
     def partner(self) -> dict[str, Array]:
-        """`HELPER`, tick by tick."""
+        """`HELPER` of each tick."""
         table = np.array(self._rows)
         meant = self._helper.intention.places[: len(table)]
         return dict(zip(HELPER, (table[:, 0:2], table[:, 2:4], table[:, 4], meant), strict=True))
@@ -100,12 +100,12 @@ class Together(ForceLaw):
 def pair_of(
     config: ProblemFile[ScenarioProblem], context: Precomputed, *, delay: float, solver: str | None
 ) -> Together:
-    """The pair of a mapped path, `delay` [s] apart.
+    """The pair with a mapped path and a `delay` [s].
 
     Raises
     ------
-    ProblemFileError : a value of the file cannot be used.
-    ConfigurationError : `solver` cannot be used.
+    ProblemFileError : a value of the file is not valid.
+    ConfigurationError : `solver` is not valid.
     """
     return together_of(Bilateral(*sides_of(config, context, solver=solver), delay=delay), config, context)
 
@@ -137,11 +137,11 @@ def sides_of(
 
 
 def together_of(both: Bilateral, config: ProblemFile[ScenarioProblem], context: Precomputed) -> Together:
-    """The pair as a law, with a simulated helper.
+    """The pair as a controller, with a simulated helper.
 
     Raises
     ------
-    ProblemFileError : a value of the file cannot be used.
+    ProblemFileError : a value of the file is not valid.
     """
     task, helper, dt = config.problem.task, config.problem.helper, both.dt
     assert context.demonstrated is not None
@@ -154,7 +154,7 @@ def together_of(both: Bilateral, config: ProblemFile[ScenarioProblem], context: 
 
 
 def pair_measures(trial: Trace) -> dict[str, Any]:
-    """What the helper felt and did, and the most energy [J] that both hands together had drawn at any time."""
+    """Measures of the helper's motion and force, and the largest energy [J] that both hands together had drawn."""
     if "_helper_intended" not in trial:
         return {}
     felt = np.linalg.norm(trial["helper_force"], axis=1)

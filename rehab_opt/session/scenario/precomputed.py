@@ -1,4 +1,4 @@
-"""What a scenario's trials need, made from its problem file: sets, reference, fields, the person's intention."""
+"""Everything that a scenario's trials need from its problem file: sets, reference, fields, the person's intention."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ __all__ = ["FieldNumbers", "Precomputed", "precompute"]
 
 
 SHORTEST = 1e-3
-"""[m] A path is longer."""
+"""[m] Least length of a path."""
 
 
 def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
-    """The task's points (N, 2) [m] in the robot's frame, and what was noticed; None where demonstrations show them.
+    """The task's points (N, 2) [m] in the robot's frame, and notes; None if demonstrations define them.
 
     Raises
     ------
-    ProblemFileError : the recording cannot be used, a path is none.
+    ProblemFileError : the recording is not valid, or the points are no path.
     """
     task, arm = config.problem.task, config.problem.arm
     if task.points_m is not None:
@@ -58,7 +58,7 @@ def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, lis
 
 
 def refuse_outside(config: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
-    """A person is led nowhere where the arm does not go: a path (N, 2) [m], robot's frame, leaves `where`.
+    """Refuse a path (N, 2) [m], robot's frame, that leaves `where`: the arm cannot go there.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def refuse_outside(config: ProblemFile[ScenarioProblem], path: Array, where: Wor
 
 
 def _path_key(problem: ScenarioProblem) -> str:
-    """The key that says where the path lies."""
+    """The key that defines the position of the path."""
     task = problem.task
     if task.points_m is not None:
         return "task.points_m"
@@ -86,7 +86,7 @@ def _path_key(problem: ScenarioProblem) -> str:
 
 
 class FieldNumbers(NamedTuple):
-    """S [N/m], k1 [N/m], sigma [m] and D [N s/m], given or learnt."""
+    """S [N/m], k1 [N/m], sigma [m] and D [N s/m], from the file or learnt."""
 
     stiffness: float
     drag: float
@@ -95,31 +95,30 @@ class FieldNumbers(NamedTuple):
 
 
 class Precomputed(NamedTuple):
-    """All places in the robot's frame."""
+    """The precomputed parts; all positions are in the robot's frame."""
 
     comfortable: Workspace
     reachable: Workspace
     reference: Array
     """(N, 2) [m] path, or points in the order in which they are held."""
     demonstrated: Array | None
-    """(N, 2) [m] what the reference was mapped from."""
+    """(N, 2) [m] path in W_r that was mapped to the reference."""
     workspace_map: ControllerMap | None
-    """The map."""
+    """The map between the workspaces."""
     fields: tuple[PotentialField, ...]
     numbers: FieldNumbers
     shown: tuple[Demonstration, ...]
-    """What the field was learnt from."""
+    """The demonstrations that the field was learnt from."""
     intention: Intention
     notes: tuple[str, ...]
 
 
 def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Precomputed:
-    """Workspaces, map, field and intention.
+    """Compute workspaces, map, field and intention.
 
     Raises
     ------
-    ProblemFileError : a value of the file or a recording cannot be used; a workspace is empty; the task lies where it
-        cannot be done.
+    ProblemFileError : a value of the file or a recording is not valid; a workspace is empty; the task is out of reach.
     """
     problem = config.problem
     path, notes = _given_path(config)
@@ -167,7 +166,7 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
 
 
 def _refuse_stops(config: ProblemFile[ScenarioProblem], comfortable: Workspace) -> None:
-    """The robot must reach what is comfortable, or the shoulder is placed wrongly."""
+    """Refuse a robot that does not reach the comfortable workspace: the shoulder is placed wrongly."""
     low, high = np.array(comfortable.polygon.bounds).reshape(2, 2)
     robot = config.problem.robot
     if not (np.all(low >= robot.lower_m) and np.all(high <= robot.upper_m)):
@@ -177,7 +176,7 @@ def _refuse_stops(config: ProblemFile[ScenarioProblem], comfortable: Workspace) 
 
 
 def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: Workspace) -> ControllerMap:
-    """The map of the workspaces; one that is not safe is refused."""
+    """The map between the workspaces; an unsafe map is refused."""
     try:
         return WorkspaceMap.between(source, target).for_controller()
     except ConfigurationError as refused:
@@ -186,7 +185,7 @@ def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: W
 
 
 def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:
-    """One along the path, or one for each point."""
+    """One field along the path, or one for each point."""
     said = problem.field
     assert said.stiffness_N_m is not None
     assert said.width_mm is not None

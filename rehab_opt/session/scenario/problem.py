@@ -1,4 +1,4 @@
-"""What a problem file of `system = "scenario"` may say, and what each key means."""
+"""Keys of a problem file of `system = "scenario"`, with their meaning."""
 
 from __future__ import annotations
 
@@ -27,69 +27,70 @@ from rehab_opt.session.schema import (
 __all__ = ["REACHES", "THERAPY", "RobotSection", "ScenarioProblem"]
 
 THERAPY: tuple[Mode, ...] = ("stretch", "assist", "resist")
-"""Modes that go beyond the comfortable workspace, to one place; in others a path is followed, or places are held."""
+"""Modes that leave the comfortable workspace for one goal; in the others a path is followed, or points are held."""
 REACHES: tuple[Mode, ...] = ("assist", "resist")
-"""Modes that are over when the end of the reference is reached."""
+"""Modes that end when the end of the reference is reached."""
 LEARNT: tuple[Mode, ...] = ("stretch", "assist")
-"""Modes whose field may be learnt: what resists would be the opposite of what was shown."""
+"""Modes whose field may be learnt; resistance would be the opposite of the demonstrations."""
 
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.1, le=600)]
 Width = Annotated[float, Field(ge=1, le=1000)]
 MAX_TICKS = 2_000_000
-"""Of all trials: each tick is kept."""
+"""Largest number of ticks of all trials, since all are kept in memory."""
 
 
 class ScenarioArm(ArmInPlane):
-    """Whose arm, with the range that is comfortable and the one that can be helped."""
+    """The arm with its comfortable and its reachable range of motion."""
 
     comfortable: OneRange = "restricted"
     """W_c: `"restricted"` (Table I) or `"figure_3"` (its caption), or a table of the eight joints."""
     reachable: OneRange = "regular"
-    """W_r, likewise."""
+    """W_r, in the same forms."""
 
 
 class DemonstrationsSection(Section):
-    """What a therapist showed: movements recorded by the robot, with the forces on the hand."""
+    """Demonstrations of a therapist: movements recorded by the robot, with the forces on the hand."""
 
     files: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1, max_length=200), Once]
-    """What a robot recorded while a therapist led the hand: each a `.csv` with `t_s,x_m,y_m,fx_N,fy_N`, force on the
+    """Recordings of a robot while a therapist led the hand: each a `.csv` with `t_s,x_m,y_m,fx_N,fy_N`, force on the
     hand, in the robot's frame."""
 
 
 class TaskSection(Section):
-    """What is to be done."""
+    """The participant's task."""
 
     demonstrations: DemonstrationsSection | None = None
-    """S, k1 and D are learnt from them (`stretch`, `assist`); the path is their mean, or the one given beside them."""
+    """S, k1 and D are learnt from them (`stretch`, `assist`); the path is their mean, or the given one."""
     points_m: Annotated[list[Point], Field(min_length=1, max_length=1000)] | None = None
-    """Corners of the path, or the points to be held, in the frame of the shoulder; this or a recording."""
+    """Corners of the path, or the points to hold, in the frame of the shoulder; either this or a recording."""
     recording: RecordingSection | None = None
-    """Which movement."""
+    """A recorded movement."""
     placement: PlanarPlacement | None = None
-    """Where it lies."""
+    """Placement of the recording."""
     record_rate_hz: float = Field(default=100.0, ge=1, le=1000)
-    """To which a recording is resampled."""
+    """Rate to which a recording is resampled."""
     start_m: Point | None = None
-    """Where the hand is before it goes to the line; required in `stretch`."""
+    """Position of the hand before it moves to the path; required in `stretch`."""
     mapped: bool = True
-    """In `follow` and `hold`: the path lies in W_r and is mapped into W_c by the safe rule; false: it lies in W_c."""
+    """In `follow` and `hold`: if true, the path lies in W_r and is mapped into W_c by a verified map; if false, it lies
+    in W_c."""
     movement_s: Seconds = 5.0
-    """Of the intended motion; in `hold` from point to point."""
+    """Duration of the intended motion; in `hold` from point to point."""
     rest_s: float = Field(default=5.0, ge=0, le=600)
-    """At its end."""
+    """Rest at the end of the motion."""
     dwell_s: Seconds = 1.5
-    """At each point to be held."""
+    """Rest at each point to hold."""
     within_mm: float = Field(default=5.0, gt=0, le=100)
-    """Nearer is on the target; a reach is over after 0.5 s there below 20 mm/s."""
+    """A hand within this distance is on the target; a reach ends after 0.5 s there below 20 mm/s."""
     trials: int = Field(default=4, ge=1, le=1000)
-    """The same trial has the same moods under every law."""
+    """Number of trials; the person varies from trial to trial, equally for every controller."""
     seed: int = Field(default=0, ge=0, le=2**31)
-    """Of the moods."""
+    """Seed of the person's variability."""
 
     @model_validator(mode="after")
     def the_path_is_said_once(self) -> Self:
-        """Refuse none or two of them."""
+        """Refuse two paths or none."""
         if self.recording is None and self.points_m is None and self.demonstrations is None:
             raise refusal("points_m", None, "points, a recording with its placement, or demonstrations")
         if self.recording is not None and self.points_m is not None:
@@ -100,45 +101,45 @@ class TaskSection(Section):
 
 
 class FieldSection(Section):
-    """The force field: S, k1 or what it comes from, sigma, D; of one that is learnt only the sigmas to choose from."""
+    """The force field: S, sigma, D, and k1 or `resistance_N`; for a learnt field only the candidate sigmas."""
 
     stiffness_N_m: float | None = Field(default=None, gt=0, le=1e5)
-    """S; required where nothing is learnt."""
+    """S; required unless the field is learnt."""
     width_mm: Width | None = None
-    """sigma; required where nothing is learnt."""
+    """sigma; required unless the field is learnt."""
     widths_mm: Annotated[list[Width], Field(min_length=1, max_length=20), Once] | None = None
-    """sigmas to choose from, by the error on what is held out (every fifth demonstration, or the last); then no other
-    key of `field`."""
+    """Candidates for sigma, chosen by the error on held-out data (every fifth demonstration, or the last one); no other
+    key of `field` is allowed then."""
     drag_N_m: float = Field(default=0.0, ge=0, le=1e5)
     """k1 of Eq. (21), not in `resist` and `hold`."""
     resistance_N: float = Field(default=0.0, ge=0, le=1e4)
-    """Against the motion, at the end of the path; required in `resist`."""
+    """Force against the motion at the end of the path; required in `resist`."""
     damping_Ns_m: float = Field(default=0.0, ge=0, le=1e4)
-    """D."""
+    """Damping D."""
 
 
 class AssistanceSection(Section):
-    """The bounds of the force."""
+    """Bounds of the force."""
 
     force_limit_N: float = Field(default=30.0, gt=0, le=1000)
-    """Largest force; this and what follows as in `Assistance`, of both sides with a helper."""
+    """Largest force. This and the following keys are those of `Assistance`; with a helper they hold for both sides."""
     slew_limit_N_s: float = Field(default=2500.0, gt=0, le=1e5)
     """Largest change of the force."""
     growth_limit_N_s: float = Field(default=200.0, gt=0, le=1e5)
-    """Largest growth of a force that was not felt of late."""
+    """Largest growth of a force that the hand has not felt lately."""
     energy_budget_J: float = Field(default=20.0, gt=0, le=1e4)
-    """Of the tank."""
+    """Energy of the tank."""
     speed_cap_m_s: float = Field(default=1.0, gt=0, lt=10)
     """A faster hand is a fault."""
     onset_mm: float = Field(default=0.0, ge=0, le=1000)
-    """Over which a therapy's force grows beyond W_c; zero is Eq. (23)."""
+    """Distance beyond W_c over which the force grows in therapy; zero is Eq. (23)."""
 
 
 class RobotSection(Section):
     """The simulated robot: see `RobotModel`."""
 
     mass_kg: float = Field(default=RobotModel.mass, gt=0, le=100)
-    """In every direction."""
+    """Mass in every direction."""
     viscous_Ns_m: float = Field(default=RobotModel.viscous, ge=0, le=500)
     """Viscous friction."""
     coulomb_N: float = Field(default=RobotModel.coulomb, ge=0, le=100)
@@ -150,15 +151,15 @@ class RobotSection(Section):
     sensor_noise_N: float = Field(default=RobotModel.noise, ge=0, le=10)
     """Standard deviation of the force sensor, per axis."""
     motor_limit_N: float = Field(default=RobotModel.motor_limit, gt=0, le=1000)
-    """Of each axis."""
+    """Largest motor force of each axis."""
     lower_m: Point = Field(default=[-10.0, -10.0])
-    """Stops."""
+    """Lower mechanical stops."""
     upper_m: Point = Field(default=[10.0, 10.0])
-    """Stops."""
+    """Upper mechanical stops."""
 
     @model_validator(mode="after")
     def stops_are_in_order(self) -> Self:
-        """Refuse a robot that can go nowhere."""
+        """Refuse stops that leave no room to move."""
         if not all(low < high for low, high in zip(self.lower_m, self.upper_m, strict=True)):
             raise refusal("upper_m", self.upper_m, f"above robot.lower_m = {self.lower_m} in both coordinates")
         return self
@@ -168,69 +169,70 @@ class PersonSection(Section):
     """The simulated person: see `Person`."""
 
     hand_mass_kg: float = Field(default=Person.hand_mass, gt=0, le=20)
-    """What moves with the hand."""
+    """Mass of the hand and the parts that move with it."""
     stiffness_N_m: float = Field(default=Person.stiffness, ge=0, le=5000)
-    """K, towards what is meant."""
+    """Stiffness K towards the intended position."""
     damping_Ns_m: float = Field(default=Person.damping, ge=0, le=500)
-    """B."""
+    """Damping B."""
     persistence_per_s: float = Field(default=Person.persistence, ge=0, le=100)
-    """How fast the effort grows: by this times K times the distance that is left, a second."""
+    """Growth rate of the effort: per second, this times K times the remaining distance."""
     strength_N: float = Field(default=Person.strength, ge=0, le=1000)
     """Largest voluntary force within W_c."""
     weak_strength_N: float = Field(default=Person.weak_strength, ge=0, le=1000)
-    """The same far outside."""
+    """Largest voluntary force far outside W_c."""
     fades_over_mm: float = Field(default=1e3 * Person.fades_over, gt=0, le=1000)
-    """Over which the strength falls beyond the boundary of W_c."""
+    """Distance beyond the boundary of W_c over which the strength decreases."""
     passive_stiffness_N_m: float = Field(default=Person.passive_stiffness, ge=0, le=5000)
-    """Of the pull back to the nearest point of W_c, outside it."""
+    """Outside W_c: stiffness of the passive pull to the nearest point of W_c."""
     passive_damping_Ns_m: float = Field(default=Person.passive_damping, ge=0, le=500)
-    """Everywhere."""
+    """Passive damping, inside and outside W_c."""
     wander_mm: float = Field(default=1e3 * Person.wander, ge=0, le=100)
-    """Of where the hand is thought to be meant: standard deviation of each coordinate."""
+    """Standard deviation, per coordinate, of the error in the intended position."""
     wander_s: float = Field(default=Person.wander_time, ge=0.01, le=60)
-    """T of its autocorrelation (1 + t / T) exp(-t / T)."""
+    """Time constant T of its autocorrelation (1 + t / T) exp(-t / T)."""
     tremor_N: float = Field(default=Person.tremor, ge=0, le=50)
-    """Root mean square of the vector's length."""
+    """Root mean square of the tremor force."""
     tremor_hz: float = Field(default=Person.tremor_hz, gt=0, le=30)
-    """Centre of three lines."""
+    """Frequency of the tremor, the centre of three lines."""
     spasms_per_s: float = Field(default=Person.spasm_rate, ge=0, le=10)
-    """How often."""
+    """Mean rate of spasms."""
     spasm_N: float = Field(default=Person.spasm_force, ge=0, le=100)
-    """Mean peak."""
+    """Mean peak force of a spasm."""
     spasm_s: float = Field(default=Person.spasm_time, gt=0, le=5)
-    """Mean length."""
+    """Mean duration of a spasm."""
     aims: Aims = Person.aims
-    """By the "clock", to where the hand should be by now; or along the "path", ahead of where the person sees it."""
+    """Intended position: by "clock", the point due at this time; along the "path", a point ahead of where the person
+    sees the hand."""
     ahead_mm: float = Field(default=1e3 * Person.ahead, gt=0, le=100)
-    """How far ahead at most, for "path"."""
+    """For "path": largest distance ahead."""
 
 
 class HelperSection(Section):
-    """Who does the task along with the participant in the laws "together" and "delayed": see `Bilateral`."""
+    """The person who helps the participant with the controllers "together" and "delayed": see `Bilateral`."""
 
     delay_s: float = Field(default=0.1, gt=0, le=5)
-    """Of messages, one way, in the law `delayed`."""
+    """One-way delay of messages, for `delayed`."""
     stiffness_N_m: float = Field(default=400.0, gt=0, le=1e5)
-    """Of the spring that draws the participant's hand."""
+    """Stiffness of the spring that pulls the participant's hand."""
     damping_Ns_m: float = Field(default=20.0, ge=0, le=1e4)
-    """Of that spring."""
+    """Damping of that spring."""
     hand_damping_Ns_m: float = Field(default=2.0, ge=0, le=1e4)
-    """Felt by the helper's hand."""
+    """Damping that the helper's hand feels."""
     exchange_per_s: float = Field(default=5.0, ge=0, le=1000)
     """Rate at which the tanks exchange energy."""
     wander_mm: float = Field(default=2.0, ge=0, le=100)
-    """Standard deviation of where the helper's hand is meant to be."""
+    """Standard deviation of the error in the helper's intended position."""
 
 
 class RunSection(Section):
-    """How it is run."""
+    """The run."""
 
     rate_hz: float = Field(default=1000.0, ge=20, le=5000)
-    """Ticks a second of robot, person and law."""
+    """Ticks per second of robot, person and controller."""
     laws: Annotated[list[Law], Field(min_length=1), Once] = Field(default=["unassisted", "assisted", "published"])
-    """Side by side; `together` and `delayed` with a mapped path in `follow`."""
+    """Controllers to compare; `together` and `delayed` need a mapped path and `follow`."""
     solver: SolverName | None = None
-    """By default `Assistance`'s; `--solver` replaces it."""
+    """Default: `Assistance`'s; `--solver` overrides it."""
 
 
 class ScenarioProblem(Problem):
@@ -240,27 +242,27 @@ class ScenarioProblem(Problem):
     mode: Mode
     """Scenarios 1 to 3 (`stretch`, `assist`, `resist`), 4 (`follow`), 5 (`hold`)."""
     arm: ScenarioArm
-    """Whose arm."""
+    """The participant's arm."""
     task: TaskSection
-    """What is to be done."""
+    """The participant's task."""
     field: FieldSection
     """The force field."""
     assistance: AssistanceSection = AssistanceSection()
-    """The bounds of the force."""
+    """Bounds of the force."""
     helper: HelperSection = HelperSection()
-    """Who does the task along with the participant."""
+    """The person who helps the participant."""
     robot: RobotSection = RobotSection()
     """The simulated robot."""
     person: PersonSection = PersonSection()
     """The simulated person."""
     run: RunSection = RunSection()
-    """How it is run."""
+    """The run."""
     plant: HandPlant = HandPlant()
-    """On which robot it runs: see the plant's keys."""
+    """The plant, see the plant's keys."""
 
     @model_validator(mode="after")
     def the_field_is_given_or_learnt(self) -> Self:
-        """Refuse numbers beside demonstrations, and none without them."""
+        """Refuse a field with both numbers and demonstrations, and with neither."""
         said = self.field
         if self.task.demonstrations is None:
             for key in ("stiffness_N_m", "width_mm"):
@@ -282,7 +284,7 @@ class ScenarioProblem(Problem):
 
     @model_validator(mode="after")
     def keys_go_with_the_mode(self) -> Self:
-        """Refuse what the mode would ignore."""
+        """Refuse keys that the mode would ignore."""
         task, drives = self.task, self.field
         if self.mode != "resist" and drives.resistance_N:
             raise refusal("field.resistance_N", drives.resistance_N, '0, but for mode = "resist"')
@@ -309,7 +311,7 @@ class ScenarioProblem(Problem):
 
     @model_validator(mode="after")
     def ticks_suffice_and_fit(self) -> Self:
-        """Refuse what a rate cannot show, and what no memory holds."""
+        """Refuse a rate that is too low for the motion, and a run too long for the memory."""
         task, rate = self.task, self.run.rate_hz
         fastest = FASTEST_LINE * self.person.tremor_hz
         if self.person.tremor_N and not 2 * fastest < rate:

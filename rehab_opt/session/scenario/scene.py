@@ -1,4 +1,4 @@
-"""`system = "scenario"`: the five scenarios of therapy and help, the same person and task under each controller."""
+"""`system = "scenario"`: the five scenarios of therapy and help, with the same person and task for every controller."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ __all__ = ["ScenarioSystem", "TrialScene", "trials_of"]
 
 Config = ProblemFile[ScenarioProblem]
 FAR = 0.05
-"""[m] Outside the reachable workspace from which on a hand is no person's: joints give way less."""
+"""[m] A hand further outside the reachable workspace is not realistic: joints yield less than that."""
 
 WORSE = {
     "from_intended_mean_m": "was further from where the person meant to be",
     "deviation_mean_m": "deviated more",
     "reference_covered_fraction": "covered less",
 }
-"""Measures of a followed path, and how a note says that help made them worse."""
+"""Measures of a followed path, with the words of the note if assistance made one of them worse."""
 ASSUMPTIONS = (
     "person and robot are simulated: their masses, stiffnesses, strengths and disturbances are assumptions",
     "the field's numbers are choices of the file: S is not published for scenarios 1 to 3, sigma and k1 are suspect",
@@ -50,12 +50,12 @@ ASSUMPTIONS = (
 
 
 class Task:
-    """What the trials of a file share, made when it is first needed.
+    """The parts that the trials of a file share, built when first needed.
 
     Raises
     ------
-    ProblemFileError : a value of the file or a recording cannot be used.
-    ConfigurationError : `solver` cannot be used.
+    ProblemFileError : a value of the file or a recording is not valid.
+    ConfigurationError : `solver` is not valid.
     """
 
     def __init__(self, config: Config, solver: str | None) -> None:
@@ -66,7 +66,7 @@ class Task:
 
     @cached_property
     def context(self) -> Precomputed:
-        """Workspaces, fields, the person's intention."""
+        """Workspaces, fields and the person's intention."""
         return precompute(self.config, progress=self.progress)
 
     @cached_property
@@ -76,18 +76,18 @@ class Task:
 
     @cached_property
     def scene(self) -> Scene:
-        """Person and robot."""
+        """The simulated person and robot."""
         return scene_of(self.config, self.context)
 
 
 class TrialScene:
-    """One trial under one controller; `number` decides the person's moods."""
+    """One trial under one controller; `number` selects the person's variability."""
 
     def __init__(self, task: Task, law: Law, number: int) -> None:
         self.task, self.law, self.number = task, law, number
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """See `trial_trace`; the helper's columns are NaN where another controller of the file has a helper."""
+        """See `trial_trace`; the helper's columns are NaN for a controller without helper, if another one has them."""
         task = self.task
         task.progress = progress
         law = task.laws[self.law]
@@ -112,12 +112,12 @@ class TrialScene:
         ) | pair_measures(trace)
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """None: see `ScenarioSystem.notes`."""
+        """No notes here: see `ScenarioSystem.notes`."""
         return iter(())
 
 
 def trials_of(outcome: Outcome) -> ScenarioTrials:
-    """The trials of a run with what they were made of."""
+    """The trials of a run, with their inputs."""
     task: Task = next(iter(outcome.scenes.values())).task
     problem, context = task.problem, task.context
     return ScenarioTrials(
@@ -139,7 +139,7 @@ def trials_of(outcome: Outcome) -> ScenarioTrials:
 
 
 def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
-    """What belongs to (controller, trial), by controller."""
+    """Values of (controller, trial), grouped by controller."""
     found: dict[Law, list[Any]] = {}
     for (law, _), each in of.items():
         found.setdefault(law, []).append(each)
@@ -147,7 +147,7 @@ def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
 
 
 def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
-    """Of the helper."""
+    """Notes on the helper."""
     tanks = 2 * problem.assistance.energy_budget_J
     for law, trials in measures.items():
         if "helper_force_mean_N" not in trials[0]:
@@ -166,7 +166,7 @@ def _along(
     problem: ScenarioProblem, context: Precomputed, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
     trials: Mapping[Law, Sequence[Trace]],
 ) -> Iterator[str]:  # fmt: skip
-    """Along a path: what was not covered; help that was worse than none, or let a hand go."""
+    """Notes along a path: parts not covered; assistance that made a trial worse; a hand that was released."""
     if problem.mode != "follow":
         return
     for law, of in measures.items():
@@ -194,7 +194,7 @@ def _along(
 
 
 def _runaways(problem: ScenarioProblem, context: Precomputed, trials: Mapping[Law, Sequence[Trace]]) -> Iterator[str]:
-    """Trials that no person can have done, and a controller that makes the hand run away."""
+    """Notes on unrealistic trials, and on controllers that make the hand run away."""
     cap = problem.assistance.speed_cap_m_s
     for law, done in trials.items():
         fast = max(float(np.hypot(*trial["velocity"].T).max()) for trial in done)
@@ -226,12 +226,12 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
     rate_key = "run.rate_hz"
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, TrialScene]:
-        """Every trial under every controller of the file; options: `solver`, `plant`."""
+        """Each trial with each controller of the file; options: `solver`, `plant`."""
         task, said = Task(config, options.get("solver")), config.problem
         return {(law, k): TrialScene(task, law, k) for law in said.run.laws for k in range(said.task.trials)}
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """By controller the means and the worst of its trials; the areas of the workspaces; what was learnt."""
+        """By controller, the means and the worst of its trials; also areas of the workspaces, and the learnt field."""
         context: Precomputed = next(iter(outcome.scenes.values())).task.context
         fit = context.fields[0].fit
         return {
@@ -244,7 +244,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         }
 
     def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
-        """Where help made it worse; what was assumed; of the helper; hands that are no person's."""
+        """Where assistance made a trial worse; assumptions; the helper; unrealistic hands."""
         task: Task = next(iter(outcome.scenes.values())).task
         problem, context, measures, trials = task.problem, task.context, _by_law(numbers), _by_law(outcome.traces)
         yield from _along(problem, context, measures, trials)
@@ -256,14 +256,14 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         yield from swinging_notes(task.laws)
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each controller: means over its trials, and the worst of them."""
+        """One column for each controller: means over its trials, and the worst of them."""
         return {
             law: {"success_rate": of["success_rate"], **of["mean"], "worst trial": of["worst"]}
             for law, of in outcome.metrics["laws"].items()
         }
 
     def caption(self, outcome: Outcome) -> str:
-        """How many trials, and what a success is."""
+        """Number of trials, and the criterion of success."""
         problem: ScenarioProblem = next(iter(outcome.scenes.values())).task.problem
         return (
             f"mode {problem.mode}, trials each: {problem.task.trials}; means over them; success: "
@@ -271,19 +271,19 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         )
 
     def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
-        """The helper's movement and the therapist's, where some are named."""
+        """The recordings of the helper and the therapist, if any."""
         recording = problem.task.recording
         helper = () if recording is None else (Needed("task.recording.file", recording.file),)
         return helper + needed_demonstrations(problem)
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Reads recordings, learns, builds robot, workspaces and controllers."""
+        """Read recordings, learn the field, build robot, workspaces and controllers."""
         task = Task(config, None)
         laws = task.laws
         return (*task.context.notes, *swinging_notes(laws))
 
     def arms(self, config: Config) -> dict[str, SerialChain]:
-        """The arm within what is comfortable, and within what can be helped."""
+        """The arm with its comfortable and its reachable range of motion."""
         arm = config.problem.arm
         return {
             name: arm_of(arm.side, arm.segments, getattr(arm, name), file=config.file)
@@ -291,7 +291,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         }
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
-        """The person as the file has them, until somebody points where the hand shall be; options as of `run`."""
+        """The file's person, until the live user selects another goal; options as for `run`."""
         robot_model_of(config)
         check_bounds(config, solver=options.get("solver"))
         return LiveScenario(config, solver=options.get("solver"))

@@ -1,4 +1,4 @@
-"""A trial of a scenario as a trace, tick by tick, and all trials of a run with what they were made of."""
+"""A trial of a scenario as a trace, tick by tick, and all trials of a run with their inputs."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ __all__ = ["HELPER", "LAWS", "RATE", "Law", "ScenarioTrials", "thinned_ticks", "
 
 Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
 LAWS: tuple[Law, ...] = get_args(Law)
-"""No force; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), certified by nobody;
-`Bilateral`, drawn along by a helper, without and with a delay."""
+"""No force; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), not certified; `Bilateral`,
+pulled by a helper, without and with a delay."""
 RATE = 100.0
-"""[Hz] of trace.csv at most; metrics.json is made of all ticks."""
+"""[Hz] Largest rate of trace.csv; metrics.json uses all ticks."""
 METRES, NEWTONS = ("x_m", "y_m"), ("x_N", "y_N")
 PARTS: Mapping[str, Sequence[str]] = {
     "velocity": ("x_m_s", "y_m_s"), "intended": METRES, "force_desired": NEWTONS, "force_commanded": NEWTONS,
     "force_measured": NEWTONS, "goal": METRES, "helper": METRES, "helper_force": NEWTONS,
 }  # fmt: skip
 HELPER = ("helper", "helper_force", "helper_energy_left_J", "_helper_intended")
-"""Columns of who did the trial along with the participant: hand, force felt, energy in the tank, intended place."""
+"""Columns of the helper: hand, felt force, energy in the tank, intended position."""
 
 
 def trial_trace(columns: Mapping[str, ArrayLike], *, ended: str) -> Trace:
-    """The trace of a trial; all places are in the robot's frame, and trace.csv has `thinned_ticks` of it.
+    """The trace of a trial; all positions are in the robot's frame, and trace.csv has the rows of `thinned_ticks`.
 
     Parameters
     ----------
     columns : `t_s`; `_hand`, `velocity`, `intended` (N, 2); `force_desired` (before bounds), `force_commanded`,
-        `force_measured` (N, 2); `inside`, whether the hand is in W_c; `goal` (N, 2) to be reached or held, NaN where
-        there is none; `energy_left_J` in the tank, NaN where there is none; `status`; `_relaxed`, flags of `Relaxed`;
-        `_let_go`, whether a hand that stood under force is let go. With a helper also `HELPER`. On a robot that is
-        late `_seen` [m] and `_acting` [N], where the hand was seen and the motors' force when the tick began.
-    ended : "done" where the task was finished, "late" where its time was over.
+        `force_measured` (N, 2); `inside`, whether the hand is in W_c; `goal` (N, 2) to reach or hold, NaN without one;
+        `energy_left_J` in the tank, NaN without one; `status`; `_relaxed`, flags of `Relaxed`; `_let_go`, whether a
+        hand was released that stood under force. With a helper also `HELPER`. For a robot with delays also `_seen` [m]
+        and `_acting` [N]: the measured position and the motor force at the start of the tick.
+    ended : "done" if the task was finished, "late" if its time was over.
     """
     hand = np.asarray(columns["_hand"])
     order = (
@@ -69,7 +69,9 @@ def trial_trace(columns: Mapping[str, ArrayLike], *, ended: str) -> Trace:
 
 
 def thinned_ticks(time: Array) -> NDArray[np.intp]:
-    """The ticks (K,) of `time` (N,) [s] that are kept so that `RATE` is not exceeded; the first and last one are."""
+    """The ticks (K,) of `time` (N,) [s] that are kept so that the rate is at most `RATE`; always the first and the
+    last.
+    """
     if len(time) < 2:
         return np.arange(len(time))
     stride = max(1, math.ceil(1.0 / (RATE * float(np.median(np.diff(time)))) - 1e-6))
@@ -77,7 +79,7 @@ def thinned_ticks(time: Array) -> NDArray[np.intp]:
 
 
 def _relaxed(flags: NDArray[np.uint8], ticks: NDArray[np.intp]) -> Iterator[str]:
-    """What gave way since the row before, for each row."""
+    """The bounds relaxed since the previous row, for each row."""
     start = 0
     for tick in ticks:
         yield ", ".join(
@@ -88,22 +90,22 @@ def _relaxed(flags: NDArray[np.uint8], ticks: NDArray[np.intp]) -> Iterator[str]
 
 @dataclass(frozen=True, eq=False)
 class ScenarioTrials:
-    """The trials of one scenario, for notes and figures; all places in the robot's frame.
+    """The trials of one scenario, for notes and figures; all positions are in the robot's frame.
 
     Parameters
     ----------
-    mode : of the assistance, one for each of the paper's scenarios 1 to 5.
+    mode : mode of the assistance, one for each of the paper's scenarios 1 to 5.
     comfortable, reachable : W_c and W_r.
-    reference : (N, 2) [m] the path to be followed, or the points to be held, one after the other.
-    demonstrated : (N, 2) [m] the helper's in W_r that the reference was mapped from; None without a map.
-    fields : what the assistance follows: one, or one for each point to be held.
-    within : [m] of the hand, up to which a place of the reference counts as covered.
-    force_limit : [N].
-    trials : traces by controller, all of the same numbers.
-    measures : by controller, for each trial its numbers, the keys of `trial_measures`.
-    shown : the demonstrations that the field was learnt from; empty where it was given.
-    onset : [m] beyond W_c over which a therapy's force grows.
-    spring : S [N/m] of `PathAssistance`, which leads to the path itself; None where the fields lead.
+    reference : (N, 2) [m] the path to follow, or the points to hold in order.
+    demonstrated : (N, 2) [m] the helper's path in W_r, which was mapped to the reference; None without a map.
+    fields : fields of the assistance: one, or one for each point to hold.
+    within : [m] distance of the hand up to which a point of the reference counts as covered.
+    force_limit : [N] largest force.
+    trials : traces by controller, with equal parameters.
+    measures : by controller, the numbers of each trial with the keys of `trial_measures`.
+    shown : the demonstrations of a learnt field; else empty.
+    onset : [m] distance beyond W_c over which the force grows in therapy.
+    spring : S [N/m] of `PathAssistance`, which pulls to the path itself; None if the fields pull.
     """
 
     title: str
