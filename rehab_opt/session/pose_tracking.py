@@ -108,7 +108,7 @@ class TrackerSection(Section):
     linear_speed_m_s: float = Field(default=1.0, gt=0, le=10)
     """Largest speed of the tool."""
     solver: SolverName | None = None
-    """Default: `PoseTracker`'s; `--solver` overrides it."""
+    """Solver of the QP; default: `PoseTracker`'s; `--solver` overrides it."""
 
 
 class PoseTracking(Problem):

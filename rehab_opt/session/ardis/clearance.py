@@ -16,7 +16,7 @@ __all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"
 
 
 def chair_corners(outline: Outline, q: Array) -> Array:
-    """(N, 4, 2) [m] corners of the chair, in turn, at joint values q (N, 7)."""
+    """(N, 4, 2) [m] corners of the chair, in order around it, at joint positions q (N, 7)."""
     corners = outline.corners[[0, 1, 3, 2]]
     cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
     x = q[:, :1] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1]
@@ -25,7 +25,7 @@ def chair_corners(outline: Outline, q: Array) -> Array:
 
 
 def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
-    """(N, k) [m] distance of the chair's outline from each obstacle, negative where it is within it."""
+    """(N, k) [m] distance of the chair's outline from each obstacle, negative in case of overlap."""
     corners, gaps = chair_corners(outline, q), []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -43,7 +43,7 @@ def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
 
 
 def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
-    """(N, k) [m] distance of points (N, 2) of the floor from each obstacle."""
+    """(N, k) [m] distance of floor points (N, 2) from each obstacle."""
     gaps = []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -55,9 +55,9 @@ def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
 
 
 def arm_points(robot: MobileArm, q: Array) -> Array:
-    """(N, m, 3) [m] of the arm in the world frame at joint values q (N, n): first its shoulder, last its hand.
+    """(N, m, 3) [m] points of the arm in the world frame at joint positions q (N, n), from shoulder to hand.
 
-    They are the origins of the joints that move against each other; of ARDIS shoulder, elbow and hand.
+    They are the origins of the arm's moving joints; for ARDIS shoulder, elbow and hand.
     """
     first, *others = arm_links(replace(robot.chain, capsules=()), first=CHAIR, radius=0.0)
     return np.stack(_places(robot, q, [first.begin, first.end, *(link.end for link in others)]), axis=1)
@@ -77,7 +77,7 @@ def arm_gaps(robot: MobileArm, q: Array) -> Array:
 
 
 def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
-    """(N, 3) [m] of each of these points at joint values q (N, n): the chain's rows multiplied."""
+    """(N, 3) [m] positions of these points at joint positions q (N, n), by multiplying the chain's transforms."""
     chain = robot.chain
     frames = [np.broadcast_to(chain.base, (len(q), 4, 4))]
     for row, value in zip(chain.rows, q.T, strict=True):
@@ -93,7 +93,9 @@ def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
 
 
 def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:
-    """(N,) [m] between segments and a capsule's: from an end of one, or where the lines are nearest inside both."""
+    """(N,) [m] distance between segments and a capsule's axis: at an end of one, or at interior closest points of the
+    lines.
+    """
     start, stop = (np.broadcast_to(np.asarray(each), begin.shape) for each in (capsule.start, capsule.end))
     least = np.minimum.reduce(
         [

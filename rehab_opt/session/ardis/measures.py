@@ -1,7 +1,7 @@
-"""Metrics of a trace, from its commands alone: who moved the hand, effort, and limits.
+"""Metrics of a trace, from its commands alone: contributions of chair and arm, effort, and limits.
 
-Of the trace: `joint` (N, n) and `command` (N, n), the chair's in its own frame; `_world` (N, n) the same in the world
-frame; `pose` (N, 4, 4) and `jacobian` (N, 6, n) of the hand.
+Columns of the trace: `joint` (N, n) and `command` (N, n), the chair's in its own frame; `_world` (N, n) the same in the
+world frame; `pose` (N, 4, 4) and `jacobian` (N, 6, n) of the hand.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from rehab_opt.session.trace import Trace
 __all__ = ["KEPT", "excesses", "goals_met", "hand_fractions", "kinetic_energies", "motion_metrics"]
 
 KEPT = 1e-6
-"""[m, rad, and the same per s or s^2] What passes a limit by less keeps it: rounding, and what a certificate allows."""
+"""[m, rad, and the same per s or s^2] A smaller excess still satisfies a limit: rounding and the certificate's
+tolerance."""
 MOVING = 1e-9
-"""[m/s, rad/s] A hand that is slower stands still."""
+"""[m/s, rad/s] A slower hand is at rest."""
 
 
 def motion_metrics(
@@ -36,7 +37,7 @@ def motion_metrics(
     room: Sequence[Obstacle],
     goals: Sequence[GoalSection],
 ) -> dict[str, Any]:
-    """All numbers of what one law made of one drive, in ticks of dt [s]."""
+    """All metrics of one controller with one drive, at ticks of dt [s]."""
     over = excesses(robot, drive, trace, dt, room)
     broken = {name: values > KEPT for name, values in over.items()}
     met, moved = goals_met(trace, goals), trace["_asked"]
@@ -87,9 +88,9 @@ def motion_metrics(
 
 
 def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: Sequence[Obstacle]) -> dict[str, Array]:
-    """By how much each tick (N,) passes each kind of limit, negative within it; dt [s].
+    """Excess over each kind of limit in each tick (N,), negative within the limit; dt [s].
 
-    Accelerations are against the last tick's velocity in the chair's frame.
+    Accelerations are relative to the last tick's velocity in the chair's frame.
     """
     chain, wheels, own = robot.chain, robot.drive(drive), trace["command"]
     ahead = trace["joint"] + trace["_world"] * dt
@@ -110,8 +111,9 @@ def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: 
 def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[str, float | None]:
     """Fractions of the hand's path and turning by arm and chair; both add up to one.
 
-    The hand's velocity is the sum of the chair's and the arm's parts. The fraction of one is its part along the hand's
-    direction, integrated over the path: negative where it went against it, above one where it made up for the other.
+    The hand's velocity is the sum of the chair's and the arm's parts. Each fraction is the component along the hand's
+    direction, integrated over the path: negative if it moves against the hand, above one if it compensates for the
+    other.
     """
     jacobians, velocity = trace["jacobian"][when], trace["_world"][when]
     chair = np.einsum("nij,nj->ni", jacobians[:, :, :CHAIR], velocity[:, :CHAIR])
@@ -132,10 +134,10 @@ def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[s
 
 
 def kinetic_energies(robot: MobileArm, drive: DriveName, trace: Trace) -> tuple[Array, Array]:
-    """(N,) [J] what the robot has, and what it would have if the chair alone gave the hand its level velocity.
+    """(N,) [J] kinetic energy of the robot, and its value if the chair alone moved the hand horizontally.
 
-    The latter is the least that does it: the arm is held, and the drive's joints of the chair move; NaN where it has
-    none.
+    The latter is the least such energy: the arm is locked, and the chair's joints of this drive move; NaN for a drive
+    without such joints.
     """
     moving = list(robot.drive(drive).moving)
     energy, alone = np.empty(len(trace["joint"])), np.full(len(trace["joint"]), np.nan)
@@ -157,7 +159,9 @@ def kinetic_energies(robot: MobileArm, drive: DriveName, trace: Trace) -> tuple[
 
 
 def goals_met(trace: Trace, goals: Sequence[GoalSection]) -> list[float | None]:
-    """[s] when each goal was reached, after the one before it; None for one that was not, and all after it."""
+    """[s] time at which each goal was reached, after the previous goal; None for a goal that was not reached, and for
+    all later ones.
+    """
     met: list[float | None] = []
     begin = 0
     for goal in goals:

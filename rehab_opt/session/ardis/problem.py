@@ -1,4 +1,4 @@
-"""What a problem file of `system = "ardis"` may say, and what each key means."""
+"""Keys of a problem file of `system = "ardis"`, with their meaning."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ ARDIS_JOINTS = 4
 
 
 class RobotSection(Section):
-    """The robot and how it stands when the run begins."""
+    """The robot and its starting posture."""
 
     file: str | None = Field(default=None, min_length=1)
-    """A robot file whose `mount_m`, `mount_deg` say where the arm's base stands in the chassis frame; by default
-    ARDIS's arm. Chair, user, chassis limits and rotors (0.05 kg m^2 a joint) are those of `ardis` and `arm_on_chair`,
+    """A robot file whose `mount_m`, `mount_deg` place the arm's base in the chassis frame; by default ARDIS's arm.
+    Chair, user, chassis limits and rotors (0.05 kg m^2 a joint) are those of `ardis` and `arm_on_chair`,
     assumptions."""
     start_m: Pair = Field(default=[0.0, 0.0])
-    """Where the chair's turning point stands."""
+    """Starting position of the chair's turning point."""
     heading_deg: Angle = 0.0
-    """Counterclockwise from above."""
+    """Starting heading, counterclockwise from above."""
     arm_deg: Annotated[list[Angle], Field(min_length=4, max_length=100)] | None = None
-    """`[shoulder flexion, shoulder rotation, elbow, wrist]`, by default `ARDIS_READY`; with a robot file required, a
-    value for each of its joints."""
+    """`[shoulder flexion, shoulder rotation, elbow, wrist]`, by default `ARDIS_READY`; with a robot file, a value for
+    each of its joints is required."""
     mount_height_m: float = Field(default=0.70, ge=0.2, le=1.5)
-    """Of the shoulder; the robot file's where there is one."""
+    """Height of the shoulder; not with a robot file, which defines it."""
     chair_mass_kg: float = Field(default=120.0, ge=20, le=500)
-    """Of the chair with its user."""
+    """Mass of the chair with its user."""
     payload_kg: float = Field(default=0.0, ge=0, le=20)
-    """In the hand; the robot file's where there is one."""
+    """Mass in the hand; not with a robot file, which defines it."""
 
     @model_validator(mode="after")
     def said_once(self) -> Self:
-        """Refuse what a robot file says beside one, and a start that does not fit the arm of ARDIS."""
+        """Refuse keys that a robot file defines, and a start that does not fit ARDIS's arm."""
         if self.file is None:
             if self.arm_deg is not None and len(self.arm_deg) != ARDIS_JOINTS:
                 raise refusal("arm_deg", self.arm_deg, f"{ARDIS_JOINTS} entries")
@@ -59,44 +59,44 @@ class RobotSection(Section):
 
 
 class ModeSection(Section):
-    """What the two axes of the stick, forward and left, move in one mode."""
+    """What the two axes of the stick (forward and left) move in one mode."""
 
     name: str = Field(min_length=1, max_length=20)
-    """What the user calls it."""
+    """The user's name for the mode."""
     rows: Annotated[list[RowName], Field(min_length=2, max_length=2)]
-    """What forward and left move: two of x, y, z, rx, ry, rz (chair's frame), roll7."""
+    """Quantities that forward and left move: two of x, y, z, rx, ry, rz (chair's frame), roll7."""
     speeds: Annotated[list[Annotated[float, Field(ge=-2, le=2)]], Field(min_length=2, max_length=2)]
-    """Of these at full deflection [m/s, rad/s]."""
+    """Their speeds at full deflection [m/s, rad/s]."""
     held: Annotated[list[RowName], Field(max_length=5)] = Field(default=[])
-    """Rows that do not move meanwhile: `["rx", "ry"]` keeps a cup level."""
+    """Rows that stay zero in this mode: `["rx", "ry"]` keeps a cup level."""
 
 
 class StickSection(Section):
-    """Which drives are run, who moves the stick of each, and how the stick is read."""
+    """The drives to run, the stick of each, and its processing."""
 
     simulated: Annotated[list[DriveName], Field(max_length=4)] = Field(default=[])
-    """Drives whose stick a simulated user moves. Each controller has a user of its own, who watches the hand and steers
-    it to the goals, one after the other, and gives up after 60 s for one of them."""
+    """Drives whose stick a simulated user moves. Each controller has its own user, who watches the hand and steers it
+    to one goal after the other, and gives up a goal after 60 s."""
     mecanum: str | None = Field(default=None, min_length=1)
     """Recording for four mecanum wheels, a `.csv` with the header `t_s,forward,left,switch,gripper`: deflections -1 to
-    1, buttons 0 or 1; each row is held until the next. Each controller gets the
-    same, since it does not react."""
+    1, buttons 0 or 1; each row holds until the next. All controllers get the same recording, which does not react to
+    them."""
     differential: str | None = Field(default=None, min_length=1)
-    """For two wheels on one axle, which cannot go sideways."""
+    """Recording for two wheels on one axle, which cannot move sideways."""
     omnidirectional: str | None = Field(default=None, min_length=1)
-    """For a base that takes its own twist as command and goes in every direction."""
+    """Recording for a base that takes its twist as command and moves in every direction."""
     fixed: str | None = Field(default=None, min_length=1)
-    """For a base that stands, where the arm moves alone."""
+    """Recording for a fixed base, where only the arm moves."""
     dead_zone: float | None = Field(default=None, ge=0, lt=1)
-    """By default `Joystick`'s (0.12)."""
+    """Dead zone of the stick; default: `Joystick`'s (0.12)."""
     rate_per_s: float | None = Field(default=None, gt=0, le=1000)
-    """By default `Joystick`'s (3)."""
+    """Rate of the stick's filter; default: `Joystick`'s (3)."""
     modes: Annotated[list[ModeSection], Field(min_length=1, max_length=8)] | None = None
-    """By default `Joystick`'s; the switch goes round."""
+    """Modes of the stick; default: `Joystick`'s; the switch cycles through the modes."""
 
     @model_validator(mode="after")
     def a_drive_is_run(self) -> Self:
-        """Refuse a problem that has no stick for any drive, or two for one."""
+        """Refuse a problem without a stick for any drive, and two sticks for one drive."""
         if not self.drives:
             raise refusal("simulated", [], f"a simulated user or a recording for one of {', '.join(DRIVES)}")
         if twice := sorted({*self.simulated} & {*self.recordings}):
@@ -110,76 +110,76 @@ class StickSection(Section):
 
     @property
     def drives(self) -> tuple[DriveName, ...]:
-        """Those that are run."""
+        """The drives to run."""
         return tuple(drive for drive in DRIVES if drive in self.simulated or drive in self.recordings)
 
 
 class GoalSection(Section):
-    """What the user is to bring about, one after the other."""
+    """A goal of the user; goals are reached in order."""
 
     name: str = Field(min_length=1, max_length=40)
-    """What tables and figures call it."""
+    """Name in tables and figures."""
     hand_m: Triple
-    """Where the hand is to be, in the world frame."""
+    """Position of the hand at the goal, in the world frame."""
     within_m: float = Field(default=0.03, gt=0, le=1)
-    """Reached when the hand is within this, the gripper as stated."""
+    """The goal is reached if the hand is within this distance, and the gripper is as required."""
     gripper: Literal["open", "closed"] | None = None
-    """As it has to be, where it matters."""
+    """Required state of the gripper, if any."""
 
     def met(self, hand: ArrayLike, closed: ArrayLike) -> NDArray[np.bool_]:
-        """(...) whether a hand (..., 3) [m] with its gripper closed or not (...) is as asked."""
+        """(...) whether a hand (..., 3) [m], with its gripper closed or open, is at the goal."""
         near = np.linalg.norm(np.asarray(hand) - self.hand_m, axis=-1) <= self.within_m
         as_asked = self.gripper is None or np.asarray(closed) == (self.gripper == "closed")
         return np.asarray(near & as_asked)
 
 
 class WallSection(Section):
-    """A wall: points p of the floor with normal . p > offset are not free, normal being of length one."""
+    """A wall: points p of the floor with normal . p > offset are occupied; normal has length one."""
 
     normal: Pair
-    """Of length 1."""
+    """Unit normal."""
     offset_m: Annotated[float, Field(ge=-100, le=100)]
-    """Along the normal, from the world's origin."""
+    """Distance along the normal from the world's origin."""
 
     @model_validator(mode="after")
     def normal_is_a_direction(self) -> Self:
-        """Refuse a wall that faces nowhere, and one whose offset would be in another unit."""
+        """Refuse a normal that is not of length 1."""
         if abs(self.normal[0] ** 2 + self.normal[1] ** 2 - 1) > 1e-3:
             raise refusal("normal", self.normal, "two numbers, a direction of length 1")
         return self
 
 
 class PostSection(Section):
-    """Something round that stands on the floor."""
+    """A round post on the floor."""
 
     centre_m: Pair
-    """On the floor."""
+    """Position on the floor."""
     radius_m: float = Field(ge=0, le=10)
-    """Of the post."""
+    """Radius of the post."""
 
 
 class RoomSection(Section):
-    """What the chair must not run into."""
+    """Obstacles for the chair."""
 
     walls: Annotated[list[WallSection], Field(max_length=20)] = Field(default=[])
-    """Straight ones."""
+    """Straight walls."""
     posts: Annotated[list[PostSection], Field(max_length=40)] = Field(default=[])
-    """Round ones."""
+    """Round posts."""
 
 
 class RunSection(Section):
-    """How often, and with what."""
+    """Rate and solver of the run."""
 
     rate_hz: float = Field(default=100.0, ge=50, le=1000)
-    """Ticks a second."""
+    """Ticks per second."""
     self_motion: float = Field(default=1.0, ge=0, le=100)
-    """Weight of the posture in Eq. (1), of both laws."""
+    """Weight of the posture term in Eq. (1), for both controllers."""
     solver: SolverName | None = None
-    """By default `RedundancyResolver`'s; `--solver` replaces it."""
+    """Solver of the QP; default: `RedundancyResolver`'s; `--solver` overrides it."""
 
 
 class ArdisProblem(Problem):
-    """A hand that is moved to its goals by one stick."""
+    """A hand that one stick moves to its goals."""
 
     system: Literal["ardis"]
     robot: RobotSection = RobotSection()
@@ -187,19 +187,19 @@ class ArdisProblem(Problem):
     stick: StickSection
     """The user's stick, and the drives that are run."""
     goals: Annotated[list[GoalSection], Field(max_length=20)] = Field(default=[])
-    """Reached one after the other."""
+    """The goals, reached one after the other."""
     room: RoomSection = RoomSection()
-    """What is around."""
+    """The obstacles around the chair."""
     run: RunSection = RunSection()
-    """How it is run."""
+    """The run."""
     clearance: ClearanceSection | None = None
-    """What the arm keeps clear of besides chair and user, in the world frame; left out where there is no such table."""
+    """Bodies that the arm avoids besides chair and user, in the world frame; may be left out."""
     plant: ChairPlant = ChairPlant()
-    """On which robot it runs: see the plant's keys."""
+    """The plant, see the plant's keys."""
 
     @model_validator(mode="after")
     def a_user_has_a_goal(self) -> Self:
-        """Refuse a simulated user who has nowhere to steer to."""
+        """Refuse a simulated user without a goal."""
         if self.stick.simulated and not self.goals:
             raise refusal("goals", [], "a goal for the simulated user of stick.simulated")
         return self

@@ -1,4 +1,4 @@
-"""The robot, the stick, the room and the resolver of a problem file, each refusal in the file's words."""
+"""The robot, stick, room and resolver of a problem file; errors name the keys of the file."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from rehab_opt.session.schema import keys_of
 __all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of", "stick_of"]
 
 MAX_TICKS = 500_000
-"""More keep more than a gigabyte of poses and Jacobians."""
+"""A longer run would need more than a gigabyte for poses and Jacobians."""
 
 KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
     "dt": "run.rate_hz",
     "obstacles": "room",
     "row_sets": "stick.modes",
 }
-"""Where the problem file says what the library calls by its own name."""
+"""Keys of the problem file for arguments of the library."""
 
 
 def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
@@ -41,7 +41,7 @@ def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
 
     Raises
     ------
-    ProblemFileError : a value of the file, or of the robot file, cannot be used.
+    ProblemFileError : a value of the file, or of the robot file, is not valid.
     """
     section = config.problem.robot
     if section.file is not None:
@@ -53,11 +53,11 @@ def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
 
 
 def start_of(config: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
-    """(7,) [m, rad] where it begins.
+    """(7,) [m, rad] starting joint positions.
 
     Raises
     ------
-    ProblemFileError : outside a joint's limits, or within an obstacle.
+    ProblemFileError : outside a joint's limits, or inside an obstacle.
     """
     section, chain = config.problem.robot, robot.chain
     arm = ARDIS_READY[CHAIR:]
@@ -84,7 +84,7 @@ def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
 
     Raises
     ------
-    ProblemFileError : a value it refuses.
+    ProblemFileError : the joystick refuses a value.
     """
     section = config.problem.stick
     modes: tuple[StickMode, ...] = STICK_MODES
@@ -98,11 +98,11 @@ def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
 
 
 def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> Stick:
-    """The drive's stick: its recording, or a simulated user who has steered no controller yet.
+    """The drive's stick: its recording, or a new simulated user.
 
     Raises
     ------
-    ProblemFileError : a recording is absent or not a stick's; the stick lasts for more than `MAX_TICKS`.
+    ProblemFileError : a recording is missing, or is not one of a stick; the stick lasts longer than `MAX_TICKS`.
     """
     section, rate = config.problem.stick, config.problem.run.rate_hz
     file = section.recordings.get(drive)
@@ -125,12 +125,12 @@ def resolver_of(
     solver: str | None = None,
     backup: str | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's room, and functions for the modes of its stick; `backup` as it takes.
+    """The controller with the file's room, compiled for the modes of its stick; `backup` as for the controller.
 
     Raises
     ------
-    ProblemFileError : it refuses a value of the file.
-    ConfigurationError : it refuses `solver`.
+    ProblemFileError : the controller refuses a value of the file.
+    ConfigurationError : the controller refuses `solver`.
     """
     run = config.problem.run
     chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})

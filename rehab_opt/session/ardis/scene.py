@@ -1,4 +1,4 @@
-"""`system = "ardis"`: each drive with the published controller and with ours, each steered on its own."""
+"""`system = "ardis"`: each drive with the published controller and with ours, each with its own user."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ __all__ = ["LAWS", "ArdisScene", "ArdisSystem"]
 Config = ProblemFile[ArdisProblem]
 LAWS = ("published", "optimised")
 STANDSTILL = 1.0
-"""[s] that the robot is watched after the stick was let go for good: it comes to rest."""
+"""[s] Time after the last release of the stick in which the robot comes to rest."""
 WALL, ALONG, POST = 0.8, 4.0, 1.2
-"""[m] Height and half of the length of a wall as it is drawn, height of a post."""
+"""[m] Drawn height and half length of a wall, and height of a post."""
 
 
 class ArdisScene(Scene):
-    """A `RedundancyResolver`, or the published controller, with the file's chair, stick and plant, on one drive."""
+    """A `RedundancyResolver`, or the published controller, with the file's chair, stick and plant, for one drive."""
 
     controls = frozenset({"stick", "push", "faults"})
     noise = "mrad or mm"
@@ -88,7 +88,7 @@ class ArdisScene(Scene):
         }
 
     def control(self, plant: Plant | None = None) -> Steering:
-        """The joystick and the controller, and the file's plant unless there is another one."""
+        """The joystick and the controller with the file's plant, unless another plant is given."""
         table, robot, own = self.problem.plant, self.robot, self.problem.robot.file is not None
         wheels, ideal = robot.drive(self.drive), table.kind == "ideal"
         if plant is None:
@@ -103,11 +103,11 @@ class ArdisScene(Scene):
         return Steering(robot, law, joystick, stick, plant=plant, start=self.start, wheels=not ideal)
 
     def inputs(self, k: int, control: Steering) -> LiveInputs | None:
-        """The stick's, until it was let go for good, and a second more."""
+        """The stick's inputs until its last release, and a second more."""
         return None if control.ticks_let_go >= math.ceil(STANDSTILL / self.dt) else super().inputs(k, control)
 
     def also(self, control: Steering, command: Command) -> dict[str, Any]:
-        """Of the stick, and of the wheels."""
+        """Columns of the stick and the wheels."""
         commanded = control.commanded
         return {
             "stick": control.axes,
@@ -120,7 +120,7 @@ class ArdisScene(Scene):
         }
 
     def derived(self, trace: Trace) -> None:
-        """The hand; commands in the chair's own frame, in which its limits are."""
+        """The hand; and commands in the chair's own frame, where its limits are defined."""
         q, world, chain = trace["joint"], trace["command"], self.chain
         trace |= {
             "_world": world,
@@ -138,18 +138,18 @@ class ArdisScene(Scene):
         trace.parts |= {"stick": ("forward", "left"), "wheel": wheels}
 
     def near(self, trace: Trace) -> NearestBodies | None:
-        """How near bodies came to each other; None without `[clearance]`."""
+        """Distances between bodies; None without `[clearance]`."""
         robot, section = self.robot.bodied_chain, self.problem.clearance
         return nearest_bodies(section, self._config.file, robot, trace["joint"], trace["t_s"])
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Goals, who moved the hand, effort, limits; of ours the nearest bodies, too."""
+        """Goals, contributions of chair and arm, effort and limits; for our controller also the closest bodies."""
         numbers = motion_metrics(self.robot, self.drive, trace, self.dt, room=self.room, goals=self.problem.goals)
         near = self.near(trace) if self.law == "optimised" else None
         return numbers if near is None else numbers | {"clearance": near.metrics}
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Of ours: why it moved nothing, who steered, which robot it was, how near bodies came."""
+        """Notes on our controller: when it moved nothing and why, the user, the plant, and the closest bodies."""
         if self.law == "published":
             return
         yield from _stick_notes(self.drive, trace["stick_ignored"].tolist(), self.dt, IGNORED)
@@ -167,7 +167,7 @@ class ArdisScene(Scene):
         yield from () if near is None else (f"{self.drive} drive: {near.note}",)
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Chair, user and arm; on the participant's screen the first goal that the hand was not at."""
+        """Chair, user and arm; on the participant's screen the first goal that is not reached."""
         q, robot, goals, frame = shown["q"], self.robot, self.problem.goals, super().frame(shown)
         corners = np.hstack([chair_corners(robot.outline, q[None])[0], np.full((4, 1), 0.04)]).tolist()
         turn = np.array([[math.cos(q[2]), -math.sin(q[2])], [math.sin(q[2]), math.cos(q[2])]])
@@ -184,7 +184,7 @@ class ArdisScene(Scene):
 
 
 def _wall(wall: HalfPlane) -> list[list[float]]:
-    """A rectangle on the wall's line, about the point of it that is nearest to the origin."""
+    """A rectangle on the wall's line, around its point nearest to the origin."""
     normal = np.asarray(wall.normal) / np.hypot(*wall.normal)
     foot, along = wall.offset * normal, ALONG * np.array([-normal[1], normal[0]])
     a, b = (foot - along).tolist(), (foot + along).tolist()
@@ -204,13 +204,13 @@ SENT = "speeds and accelerations are those that were sent"
 
 
 def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str) -> Iterator[NotMet]:
-    """For how long, of ticks `dt` [s], it is as `said`, and why (empty where it is not)."""
+    """Duration and reasons of the ticks of `dt` [s] described as `said`; empty if there are none."""
     for reason, ticks in reason_counts(reasons).items():
         yield NotMet(f"{drive} drive: for {ticks * dt:.1f} s {said}: {reason}")
 
 
 class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
-    """A wheelchair with an arm, moved by one stick, with each drive of the file."""
+    """A wheelchair with an arm, moved by one stick, for each drive of the file."""
 
     schema = ArdisProblem
     solver_key, rate_key = "run.solver", "run.rate_hz"
@@ -220,12 +220,12 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
     labels = ("drive", "law")
 
     def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
-        """The recordings of sticks, and the robot file where there is one."""
+        """The recordings of sticks, and the robot file, if any."""
         sticks = tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
         return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Reads the sticks and what they ask for, builds the robot and its controllers."""
+        """Read the sticks and their commands, build the robot and its controllers."""
         robot = robot_of(config)
         start = start_of(config, robot)
         notes = [*robot.chain.notes, *start_notes(config.problem.clearance, config.file, robot.bodied_chain, start)]
@@ -244,16 +244,16 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
         return (*notes, *(NotMet(f"goal {name!r} is below the floor") for name in low))
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, ArdisScene]:
-        """Each controller on each drive of the file."""
+        """Each controller with each drive of the file."""
         drives, solver = config.problem.stick.drives, options.get("solver")
         return {(drive, law): ArdisScene(config, solver, drive, law) for drive in drives for law in LAWS}
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
-        """Ours on the first drive, the stick in somebody's hand; options as of `run`."""
+        """Our controller with the first drive and a live stick; options as for `run`."""
         return ArdisScene(config, options.get("solver"), config.problem.stick.drives[0])
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """By drive and controller; the nearest bodies by drive, since they are those of ours."""
+        """Metrics by drive and controller; the closest bodies by drive, for our controller only."""
         drives: dict[str, dict[str, Any]] = {}
         for (drive, law), of in numbers.items():
             drives.setdefault(drive, {})[law] = {key: value for key, value in of.items() if key != "clearance"}

@@ -24,7 +24,7 @@ NO_ANSWER = "no answer"
 
 
 class StickLaw(Protocol):
-    """A controller of the stick's twist, such as a `RedundancyResolver`."""
+    """A controller of the stick's twist, such as `RedundancyResolver`."""
 
     def step(
         self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
@@ -34,7 +34,7 @@ class StickLaw(Protocol):
 
 
 class Published:
-    """Eq. (1), Honzik; where it has no answer the robot rests."""
+    """Eq. (1), Honzik; the robot rests if it has no solution."""
 
     def __init__(self, law: PseudoinverseLaw) -> None:
         self._law = law
@@ -42,7 +42,7 @@ class Published:
     def step(
         self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
     ) -> Command:
-        """Eq. (1) of the stick, whatever `enable` and `stamp` say."""
+        """Eq. (1) for the stick's twist; `enable` and `stamp` have no effect."""
         velocity = np.full(len(q), math.nan)
         with suppress(np.linalg.LinAlgError):
             velocity = self._law.rate(q, twist, rows, frame)
@@ -58,13 +58,13 @@ class Steering(LiveControl):
 
     Parameters
     ----------
-    stick : who moves the stick where nobody operates; a simulated user is for this control alone.
-    plant : that takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
-    start : (n,) joint values [m, rad].
+    stick : moves the robot without a live user; a simulated user belongs to this control alone.
+    plant : takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
+    start : (n,) joint positions [m, rad].
 
     Attributes
     ----------
-    law : may be replaced by one of the same kind. ticks_let_go : since the stick was let go for good.
+    law : may be replaced by one of the same kind. ticks_let_go : number of ticks since the last release of the stick.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Steering(LiveControl):
         self.commanded: StickCommand
 
     def untouched(self, time: float) -> LiveInputs:
-        """The stick's at a time [s], of the true robot as it is then."""
+        """Inputs of the stick at `time` [s], for the true state of the robot."""
         now = self.plant.truth.position
         sample = self._stick.at(Moment(time, now, self._robot.chain.pose(now)[:3, 3], self.mode))
         self.ticks_let_go += sample is None
@@ -92,7 +92,7 @@ class Steering(LiveControl):
         return LiveInputs(enable=True, stick=told.axes, switch=told.switch, gripper=told.gripper)
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """The controller's, of what the stick asks for."""
+        """The controller's command for the stick's twist."""
         # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
         axes = inputs.stick if inputs.enable else (math.nan, math.nan)
         self.axes = inputs.stick
@@ -109,12 +109,12 @@ class Steering(LiveControl):
         return command._replace(reason=commanded.reason) if inputs.enable and not command.reason else command
 
     def plant_command(self, command: Command) -> Array:
-        """Wheel speeds in place of the chair's velocity where the plant has wheels."""
+        """Wheel speeds instead of the chair's velocity, if the plant has wheels."""
         if not self._wheels or command.wheels is None:
             return command.value
         return np.concatenate([command.wheels, command.value[CHAIR:]])
 
     def shown(self) -> dict[str, ArrayLike]:
-        """Where the robot is, the push, the gripper."""
+        """Pose of the robot, push, and gripper."""
         truth = self.plant.truth
         return {"q": truth.position, "force": truth.force, "closed": self.commanded.gripper_closed}

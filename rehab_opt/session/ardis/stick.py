@@ -18,14 +18,14 @@ __all__ = ["HEADER", "LET_GO", "Moment", "Stick", "StickRecording", "StickSample
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
 MAX_SAMPLES = 200_000
 LONGEST = 3600.0
-"""[s] A recording that takes longer has its times in another unit."""
+"""[s] A longer recording probably has its times in another unit."""
 
 
 class StickSample(NamedTuple):
-    """One moment of a stick."""
+    """One sample of a stick."""
 
     axes: tuple[float, float]
-    """Deflection forward and to the left, -1 to 1."""
+    """Deflections forward and to the left, -1 to 1."""
     switch: bool = False
     gripper: bool = False
 
@@ -34,33 +34,33 @@ LET_GO = StickSample((0.0, 0.0))
 
 
 class Moment(NamedTuple):
-    """What someone who holds the stick sees."""
+    """The state that the user of a stick sees."""
 
     time: float
-    """[s]"""
+    """Time [s]."""
     q: Array
-    """(7,) joint positions [m, rad]"""
+    """(7,) joint positions [m, rad]."""
     hand: Array
-    """(3,) [m] in the world frame"""
+    """(3,) [m] in the world frame."""
     mode: str
-    """Of the stick."""
+    """Current mode of the stick."""
 
 
 class Stick(Protocol):
-    """Whoever moves the stick: a recording, or a simulated user."""
+    """A source of stick motion: a recording, or a simulated user."""
 
     @property
     def duration(self) -> float:
-        """[s] The longest it will be moved."""
+        """[s] Longest time for which it moves."""
         ...
 
     def at(self, moment: Moment) -> StickSample | None:
-        """The stick now; None when it is let go for good."""
+        """The stick's current sample; None after its last release."""
         ...
 
 
 class StickRecording(NamedTuple):
-    """Samples of a stick, each held until the next.
+    """Samples of a stick, each held until the next one.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class StickRecording(NamedTuple):
         return float(self.time[-1])
 
     def at(self, moment: Moment) -> StickSample | None:
-        """The newest sample that is not of the future."""
+        """The newest sample up to the current time."""
         if moment.time > self.duration + 1e-9:
             return None
         k = max(int(np.searchsorted(self.time, moment.time + 1e-9, side="right")) - 1, 0)
@@ -88,7 +88,7 @@ class StickRecording(NamedTuple):
 
 
 def read_stick(path: Path, *, name: str) -> StickRecording:
-    """Read a recording of a stick: CSV with the columns of `HEADER`; deflections -1 to 1, buttons 0 or 1.
+    """Read a recording of a stick: a CSV with the columns of `HEADER`; deflections -1 to 1, buttons 0 or 1.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""A simulated user, who watches the hand and moves the stick so that it comes to the goals, one after the other.
+"""A simulated user, who watches the hand and moves the stick until the hand has reached each goal in order.
 
-The user takes the stick's modes in turn and changes over where little is left to do in one, until the hand is near the
-goal; then the user presses the gripper's button, where the goal has one. Nothing is random.
+The user takes the stick's modes in turn, and switches when little is left to do in one, until the hand is near the
+goal; then the user presses the gripper's button, if the goal needs it. The behaviour is deterministic.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
 
 
 class SimulatedUser:
-    """A `Stick` in the hand of a simulated user; one user steers one controller once.
+    """A `Stick` moved by a simulated user; one user steers one controller once.
 
     Parameters
     ----------
-    goals : at least one. joystick : whose modes the user knows, and whose dead zone the user feels and goes beyond.
+    goals : at least one. joystick : its modes and its dead zone are known to the user.
     """
 
     def __init__(self, goals: Sequence[GoalSection], joystick: Joystick) -> None:
@@ -44,7 +44,7 @@ class SimulatedUser:
         self._over = math.inf
 
     def at(self, moment: Moment) -> StickSample | None:
-        """The stick now; None once the goals are reached, or one was not in time."""
+        """The stick's current sample; None after the last goal, or after one that was not reached in time."""
         if moment.time > self._over or moment.time - self._begun > PATIENCE:
             return None
         if moment.time >= self._next - 1e-9:
@@ -82,13 +82,13 @@ class SimulatedUser:
         return LET_GO
 
     def _press(self, button: str, time: float) -> StickSample:
-        """Let the stick go and press a button."""
+        """Release the stick and press a button."""
         self._button, self._pressed_until, self._busy_until = button, time + PRESS, time + PRESS + PAUSE
         return StickSample((0.0, 0.0), switch=button == "switch", gripper=button == "gripper")
 
 
 def _ways(error: Array, moment: Moment, mode: StickMode) -> Array:
-    """(2,) [m] how far the hand still is along the rows that the mode moves; the wrist is as it should be."""
+    """(2,) [m] remaining distance along the rows that the mode moves; the wrist needs no motion."""
     cos, sin = math.cos(moment.q[2]), math.sin(moment.q[2])
     along = {"x": cos * error[0] + sin * error[1], "y": cos * error[1] - sin * error[0], "z": error[2]}
     moved = zip(mode.rows, mode.speeds, strict=True)

@@ -1,1 +1,1 @@
-"""How kinds of problems are live."""
+"""Live runs of the kinds of problems."""

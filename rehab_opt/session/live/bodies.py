@@ -1,4 +1,4 @@
-"""Bodies of arms in space, as the page draws them: capsules with a colour."""
+"""Bodies of arms in space for the page: coloured capsules."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
     "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",
 )  # fmt: skip
 WIDE = 0.5
-"""[m] Half of the side of a plane as it is drawn."""
+"""[m] Half the drawn edge of a plane."""
 LIT = "#aab5c0"
 STICK = 0.035
-"""[m] radius of an arm that has no capsules of its own."""
+"""[m] Radius of an arm without capsules of its own."""
 SHORT = 1e-6
 """[m] Frames closer than this have no link between them."""
 CLOSE, AWAY = math.radians(5.0), math.radians(20.0)
-"""[rad] of margin to a limit: red up to the first, amber up to the second."""
+"""[rad] Margin to a limit: red up to the first value, amber up to the second."""
 
 
 def near_limit(margin: float) -> str:
-    """Colour of a joint so far [rad] within its limits."""
+    """Colour of a joint with this margin [rad] to its limits."""
     if not margin > CLOSE:
         return RED
     return AMBER if margin <= AWAY else GREEN
 
 
 def joint_rows(chain: SerialChain) -> list[dict[str, Any]]:
-    """Names and limits [rad] of the joints that move and end, for the page's bars."""
+    """Names and limits [rad] of the moving joints with limits, for the page's bars."""
     return [
         {"index": i, "name": name.replace("_", " "), "lower": low, "upper": high, "angle": not chain.rows[i].prismatic}
         for i, (name, low, high) in enumerate(zip(chain.names, chain.lower.tolist(), chain.upper.tolist(), strict=True))
@@ -65,9 +65,9 @@ def joint_rows(chain: SerialChain) -> list[dict[str, Any]]:
 
 
 def screen(points: Array) -> dict[str, Any]:
-    """The plane in which a path (N, 3) [m] is seen best, for the participant: its centre, axes, half of its size [m].
+    """The plane that shows a path (N, 3) [m] best, for the participant: centre, axes, half sizes [m].
 
-    The second axis points up, or along y of a plane that lies flat.
+    The second axis points up, or along y for a horizontal plane.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     normal = np.linalg.svd(points - centre, full_matrices=True)[2][2]
@@ -81,7 +81,7 @@ def screen(points: Array) -> dict[str, Any]:
 
 
 def kept_off(middle: Array, bodies: Sequence[Clearance], planes: Sequence[KeepOut] = ()) -> dict[str, Any]:
-    """Parts of a scene: what an arm keeps off, planes before the place `middle` (3,) [m]."""
+    """Bodies of the scene that an arm avoids; planes are drawn around `middle` (3,) [m]."""
     planes = [*planes, *(plane for each in bodies for plane in each.planes)]
     told = (
         (planes, RED, "planes to keep off"),
@@ -102,12 +102,12 @@ def kept_off(middle: Array, bodies: Sequence[Clearance], planes: Sequence[KeepOu
 
 
 def moving_rows(told: Array) -> list[list[Any]]:
-    """The capsules of numbers (k, 14) as of `moving_numbers`."""
+    """Capsules from the numbers (k, 14) of `moving_numbers`."""
     return [[*each[:6].round(4).tolist(), float(each[12]), PURPLE] for each in told]
 
 
 def sides(box: Box) -> Array:
-    """(6, 4, 3) corners of its sides [m]."""
+    """(6, 4, 3) corners of the box's sides [m]."""
     x, y, z = (np.array(box.turn) * box.size / 2).T
     ways = ((x, y, z), (-x, y, z), (y, z, x), (-y, z, x), (z, x, y), (-z, x, y))
     return np.array([_rectangle(box.centre + out, u, v) for out, u, v in ways])
@@ -127,11 +127,11 @@ def _rectangle(middle: Array, u: Array, v: Array) -> Array:
 
 
 class ArmBodies:
-    """The capsules of an arm, or sticks between its joints where it has none, at any joint values.
+    """The capsules of an arm, or sticks between its joints if it has none, at any joint positions.
 
     Parameters
     ----------
-    chain : the arm. radius : [m] of the sticks. first : number of its first joints that have no stick.
+    chain : the arm. radius : [m] radius of the sticks. first : number of its first joints without a stick.
     """
 
     def __init__(self, chain: SerialChain, *, radius: float = STICK, first: int = 0) -> None:
@@ -142,13 +142,15 @@ class ArmBodies:
         self._capsules: Sequence[LinkCapsule] = chain.capsules
 
     def frames(self, q: ArrayLike) -> Array:
-        """(n + 2, 3, 4) base, each joint's, tool."""
+        """(n + 2, 3, 4) base, each joint, and tool."""
         return (
             np.array(self._frames(np.asarray(q, dtype=np.float64))).reshape(3, self.chain.n + 2, 4).transpose(1, 0, 2)
         )
 
     def capsules(self, q: ArrayLike, colours: Sequence[str] | str = ROBOT) -> list[list[Any]]:
-        """Rows of start, end, radius, colour; `colours` is one for all, or one a joint: a link takes its joint's."""
+        """Rows of start, end, radius, colour; `colours` is one for all, or one for each joint: a link has its
+        joint's.
+        """
         frames = self.frames(q)
         if self._capsules:
             bodies = [
@@ -169,5 +171,5 @@ class ArmBodies:
         ]
 
     def tool(self, q: ArrayLike) -> Array:
-        """(3, 4) pose of the tool, its last row left out."""
+        """(3, 4) pose of the tool without its last row."""
         return np.asarray(self.frames(q)[-1])

@@ -1,4 +1,4 @@
-"""What a kind of problem provides to run live: how it is controlled, and how it looks."""
+"""The live run of a kind of problem: its control and its appearance."""
 
 from __future__ import annotations
 
@@ -23,26 +23,27 @@ NOWHERE = (math.nan, math.nan, math.nan)
 
 
 class LiveInputs(NamedTuple):
-    """One state of the page's controls; places and forces in the base frame."""
+    """The state of the page's controls; positions and forces in the base frame."""
 
     enable: bool = False
-    """The dead-man."""
+    """State of the dead-man switch."""
     target: Triple = NOWHERE
-    """[m] where the hand, or its target, is dragged to; NaN where nobody drags: the problem's own reference."""
+    """[m] Position to which the hand, or its target, is dragged; NaN if it is not dragged: the problem's own reference
+    holds."""
     helper: Triple = NOWHERE
-    """[m] where the hand of who does it along is led to, where two hands do; NaN where nobody leads it."""
+    """[m] Position to which the helper's hand is led, if there are two hands; NaN if it is not led."""
     push: Triple = (0.0, 0.0, 0.0)
-    """[N] on the hand."""
+    """[N] Force on the hand."""
     stick: tuple[float, float] = (0.0, 0.0)
-    """Deflection forward and to the left, -1 to 1."""
+    """Deflections forward and to the left, -1 to 1."""
     switch: bool = False
     gripper: bool = False
     frozen: int = -1
     """Encoder that repeats its last value; -1 for none."""
     noise: float = 0.0
-    """[rad, m] standard deviation that is added to every position."""
+    """[rad, m] Standard deviation of noise that is added to every position."""
     delay: float = 0.0
-    """[s] by which measurements are late, besides the plant's own delay."""
+    """[s] Extra delay of measurements, besides the plant's own."""
 
     @property
     def dragged(self) -> bool:
@@ -51,64 +52,67 @@ class LiveInputs(NamedTuple):
 
 
 AT_REST = LiveInputs()
-"""Nobody there: the dead-man released, nothing touched."""
+"""No user: the dead-man switch is released, no control is touched."""
 
 
 class LiveControl(ABC):
-    """A controller with its plant, for a loop: the very ones that `rehab-opt run` uses.
+    """A controller with its plant, for a loop; the same objects as in `rehab-opt run`.
 
     Parameters
     ----------
-    plant : it acts on; the sensors of a `TouchedPlant` can be spoilt through the page.
-    start : (n,) [rad, m] where it begins, at rest.
+    plant : its plant; the page can disturb the sensors of a `TouchedPlant`.
+    start : (n,) [rad, m] starting position, at rest.
 
     Attributes
     ----------
-    timed : whether the controller gets stamps; a run without real time has none.
+    timed : whether the controller gets stamps; only a run in real time has them.
     """
 
     mode = ""
-    """Of a stick; empty where there is none."""
+    """Mode of the stick; empty without one."""
 
     def __init__(self, plant: Plant, start: Array) -> None:
         self.plant, self.start, self.timed = plant, start, True
 
     def stamp(self, seen: Measurement) -> float | None:
-        """[s] when something was seen, for the controller's watchdog; None while `timed` is false."""
+        """[s] Stamp of a measurement, for the controller's watchdog; None while `timed` is false."""
         return seen.stamp if self.timed else None
 
     @abstractmethod
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """The command of a tick, of what is done at the page and what the sensors say."""
+        """The command of a tick, from the page's inputs and the measurements."""
 
     def untouched(self, time: float) -> LiveInputs:
-        """What is done where nobody operates: nothing, but the dead-man is held; `time` [s] since the beginning."""
+        """Inputs without a live user: nothing is touched and the dead-man switch is held; `time` [s] since the
+        start.
+        """
         return LiveInputs(enable=True)
 
     def plant_command(self, command: Command) -> Array:
-        """What the plant takes of a command."""
+        """The part of a command that the plant takes."""
         return command.value
 
     @abstractmethod
     def shown(self) -> Mapping[str, ArrayLike]:
-        """What the page draws of this tick, by the names of `LiveProblem.layout`."""
+        """Numbers that the page draws for this tick, by the names of `LiveProblem.layout`."""
 
 
 class Tracker(Protocol):
-    """Something that leads a tool along poses, as `PoseTracker` and `MirrorTracker` do."""
+    """A controller that moves a tool along poses, as `PoseTracker` and `MirrorTracker` do."""
 
     def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
-        """Joint velocities (n,) of a tool that should now be at `pose` (4, 4) and move at `twist` (6,)."""
+        """Joint velocities (n,) for a tool that should be at `pose` (4, 4) and move with `twist` (6,)."""
         ...
 
 
 class Following(LiveControl):
-    """A tracker along a reference, which waits for whoever lets go, until somebody drags the target.
+    """A tracker along a reference, which waits while the dead-man switch is released; a drag of the target replaces the
+    reference.
 
     Parameters
     ----------
-    poses, twists : (N, 4, 4), (N, 6) of the reference, a row a tick.
-    then : at its end it begins again, goes back, or the tool stays at the last pose that is known.
+    poses, twists : (N, 4, 4), (N, 6) of the reference, one row for each tick.
+    then : at its end the reference restarts, reverses, or stays at its last known pose.
     """
 
     def __init__(
@@ -127,7 +131,7 @@ class Following(LiveControl):
         self.target: Array = poses[0].copy()
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """The tracker's."""
+        """The tracker's command."""
         twist = self._still
         if inputs.dragged:
             self.target[:3, 3] = inputs.target
@@ -137,11 +141,11 @@ class Following(LiveControl):
         return self.track(seen, twist, enable=inputs.enable)
 
     def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
-        """The tracker's, towards `target`."""
+        """The tracker's command towards `target`."""
         return self._tracker.step(seen.position, self.target, twist, enable=enable, stamp=self.stamp(seen))
 
     def shown(self) -> dict[str, ArrayLike]:
-        """Where the robot is, its target, the push."""
+        """Pose of the robot, its target, and the push."""
         truth = self.plant.truth
         return {"q": truth.position, "target": self.target[:3, 3], "force": truth.force}
 
@@ -159,31 +163,31 @@ class Following(LiveControl):
 
 
 class DeviceAddress(NamedTuple):
-    """A robot that is there."""
+    """Address of a real robot."""
 
     kind: str
-    """As of `[plant]`."""
+    """Kind, as in `[plant]`."""
     address: str
 
 
 class LiveProblem(ABC):
-    """A problem that runs live. One process calls `control`, another draws: nothing is kept here but the problem.
+    """A problem with a live run. One process calls `control` and another draws, so the object holds only the problem.
 
     Attributes
     ----------
-    title : of the page. dt : [s] of a tick. names : of the joints, or coordinates, that are measured and commanded.
-    force : size of a force on the hand.
-    layout : names and sizes of the numbers that go from the controller to the page.
+    title : of the page. dt : [s] of a tick. names : of the measured and commanded joints or coordinates.
+    force : dimension of a force on the hand.
+    layout : names and sizes of the numbers that the controller sends to the page.
     """
 
     logged = False
-    """Whether it is a log that is shown, at which nothing can be touched."""
+    """Whether a log is shown, which cannot be touched."""
     hands = 1
-    """Of 2, the page leads the helper's, and the participant's screen the participant's."""
+    """With 2 hands, the page leads the helper's, and the participant's screen the participant's."""
     device: DeviceAddress | None = None
-    """Where its robot is, if it is there: nobody pushes that through the page, or spoils its sensors."""
+    """Address of a real robot, if any: the page cannot push it or disturb its sensors."""
     controls: ClassVar[frozenset[str]] = frozenset()
-    """Of "target", "push", "stick", "faults": what of the page does something here."""
+    """Controls of the page that have an effect: of "target", "push", "stick", "faults"."""
     title: str
     dt: float
     names: tuple[str, ...]
@@ -192,59 +196,59 @@ class LiveProblem(ABC):
 
     @property
     def encoders(self) -> int:
-        """How many positions the plant measures."""
+        """Number of positions that the plant measures."""
         return len(self.names)
 
     @property
     def touchable(self) -> frozenset[str]:
-        """What of `controls` does something here and now."""
+        """The `controls` that have an effect now."""
         return frozenset() if self.logged else self.controls - ({"push", "faults"} if self.device else set())
 
     @abstractmethod
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """Controller and plant, made anew; `plant` goes before the problem's own, as that of a log or a device does.
+        """New controller and plant; `plant` replaces the problem's own, for example by one of a log or a device.
 
         Raises
         ------
-        ConfigurationError : the problem's own is a device.
+        ConfigurationError : the problem's own plant is a device.
         """
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:
-        """What the page gets once: see `rehab_opt.live.page`; here what all problems send."""
+        """Data that the page gets once: see `rehab_opt.live.page`; here the part common to all problems."""
         encoders = [name.replace("_", " ") for name in self.names]
         controls = sorted(self.touchable)
         return {"title": self.title, "controls": controls, "encoders": encoders, "logged": self.logged}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """What the page gets again and again, of numbers that `LiveControl.shown` gave."""
+        """Data that the page gets repeatedly, from the numbers of `LiveControl.shown`."""
 
 
 class Seen(NamedTuple):
     """One picture of the page."""
 
     time: float
-    """[s] of the loop."""
+    """Time of the loop [s]."""
     held: bool
     """Whether the controller was enabled."""
     status: str
     reason: str
     missed: int
-    """Ticks left out so far."""
+    """Number of ticks left out so far."""
     stale: int
-    """Commands not sent so far."""
+    """Number of commands withheld so far."""
     hand: tuple[float, float, float] | None
-    """[m] where the page draws one."""
+    """[m] Position of the hand, if the page draws one."""
     numbers: tuple[float, ...]
-    """What it plots."""
+    """The plotted numbers."""
 
 
 class Watching(Protocol):
-    """Gets what the page draws."""
+    """Receives what the page draws."""
 
     def begin(self, plots: Sequence[Mapping[str, Any]]) -> None:
-        """What the page plots: name, unit, and `line` where it has a limit."""
+        """Plots of the page: name, unit, and `line` if there is a limit."""
 
     def see(self, seen: Seen) -> None:
-        """One picture."""
+        """Receive one picture."""

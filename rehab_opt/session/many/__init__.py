@@ -1,1 +1,1 @@
-"""Many people at once: one problem for each of them, on every core or on a cluster."""
+"""Batch runs: one problem for each person, on every core or on a cluster."""

@@ -1,4 +1,4 @@
-"""One person who takes part, and what a worker does for them: it writes no files, it may run on another machine."""
+"""One person of a batch, and the work for them: it writes no files, so it can run on another machine."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ __all__ = [
 
 
 COVARIATES = ("session", "group", "condition", "visit", "date")
-"""Columns of a table that are no keys of a problem: whose trial a result is, for a study and for `groups.csv`."""
+"""Columns of a table that are not keys of a problem; they label the results for a study and `groups.csv`."""
 LONGEST_NAME = 100
 FORBIDDEN = frozenset('/\\:*?"<>|')  # in a folder's name, on one system or another
 
 
 @dataclass(frozen=True)
 class Participant:
-    """One person's problem, not yet checked.
+    """One person's problem, not yet validated.
 
     Parameters
     ----------
-    name : of the person, and of the folder of the result.
-    content : what the problem file says, as TOML has it.
-    file : what errors call the file.
-    path : where it lies; recordings are looked for beside it.
-    error : why nothing can be run for this person; "" where that is not known yet.
-    inputs : cells of their row of a table, by dotted key.
-    covariates : `COVARIATES` that their row says.
+    name : name of the person and of the results folder.
+    content : content of the problem file, as parsed from TOML.
+    file : name of the file in errors.
+    path : path of the file; recordings are relative to it.
+    error : why this person's problem cannot run; "" if no reason is known yet.
+    inputs : cells of the person's row in a table, by dotted key.
+    covariates : values of `COVARIATES` in the row.
     """
 
     name: str
@@ -58,21 +58,21 @@ class Participant:
     covariates: Mapping[str, str] = field(default_factory=dict)
 
     def problem(self) -> ProblemFile[Any]:
-        """The checked problem.
+        """The validated problem.
 
         Raises
         ------
-        ProblemFileError : a key or value cannot be used.
+        ProblemFileError : a key or value is not valid.
         """
         return problem_of(dict(self.content), name=self.name, file=self.file, path=self.path)
 
 
 def checked_name(name: str, *, file: object, key: str) -> str:
-    """A name that can also be a folder's.
+    """A name that can also name a folder.
 
     Raises
     ------
-    ProblemFileError : it cannot.
+    ProblemFileError : the name cannot.
     """
     bad = (
         name.casefold() in ("results.csv", "results.parquet", "groups.csv")
@@ -89,15 +89,15 @@ def checked_name(name: str, *, file: object, key: str) -> str:
 
 
 def unnamed(place: str, name: str, *, file: str, path: Path, error: ProblemFileError) -> Participant:
-    """Somebody whose name cannot be used, under a name that is no other's and no folder's: where they stand."""
+    """A person with an invalid name, under a substitute that is unique and no folder's: the position in the input."""
     said = "".join("_" if letter in FORBIDDEN or not letter.isprintable() else letter for letter in shown(name))
     return Participant(f"{place}: {said}", {}, file, path, str(error))
 
 
 def without_twins(people: Sequence[Participant], *, file: object, keys: Sequence[str]) -> tuple[Participant, ...]:
-    """The people, where those with the same name are refused, since their rows cannot be distinguished.
+    """The people, with an error for those who share a name, since their rows could not be distinguished.
 
-    Upper and lower case count as the same, as in some file systems. `keys` are the places of the people in the table.
+    Upper and lower case count as equal, as in some file systems. `keys` are the positions of the people in the table.
     """
     of: dict[str, list[int]] = {}
     for i, person in enumerate(people):
@@ -126,7 +126,7 @@ class PersonResult:
     ----------
     files : content by file name.
     numbers : the scalar metrics, by dotted key.
-    seconds : what it took.
+    seconds : computing time.
     """
 
     files: Mapping[str, bytes]
@@ -139,7 +139,7 @@ def work_on(participant: Participant) -> PersonResult:
 
     Raises
     ------
-    RehabOptError : it cannot be run as it is.
+    RehabOptError : the problem cannot run.
     """
     began = time.perf_counter()
     outcome = run_problem(participant.problem())
@@ -151,7 +151,7 @@ def work_on(participant: Participant) -> PersonResult:
 
 
 def flat_numbers(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Cell]]:
-    """Scalars of nested tables by dotted key; lists of texts are joined, other lists left out."""
+    """Scalars of nested tables by dotted key; lists of texts are joined, other lists are left out."""
     for key, value in metrics.items():
         if isinstance(value, Mapping):
             yield from flat_numbers(value, f"{above}{key}.")

@@ -1,4 +1,5 @@
-"""Who takes part: a folder of problem files, or a table of which each row is a problem file with some values replaced.
+"""The people of a batch: a folder of problem files, or a table in which each row is a problem file with some values
+replaced.
 
 Column `participant` names the person; every other column is a dotted key of the problem. The rules are in
 `docs/howto/many_people.md`.
@@ -39,8 +40,9 @@ def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Particip
 
     Raises
     ------
-    ProblemFileError : the table or the problem file cannot be read; no or two columns `participant`, a column without a
-        name, no rows. What concerns one person alone, their name too, is in their `error`.
+    ProblemFileError : the table or the problem file cannot be read; the column `participant` is missing or occurs
+        twice; a column has no name; there are no rows. Errors of one person, including those of the name, are in that
+        person's `error`.
     """
     _, path = problem_path(problem)
     base = problem_content(path, problem)
@@ -115,7 +117,7 @@ def _person(
 
 
 def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> None:
-    """Refuse an empty cell of a segment's length that the problem does not say: another person's would be taken."""
+    """Refuse an empty cell for a segment's length that the problem lacks: the default would be another person's."""
     for key, cell in row.items():
         *places, last = key.split(".")
         if cell or places[-1:] != ["segments"]:
@@ -128,11 +130,11 @@ def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> 
 
 
 def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[str, Any]:
-    """A problem's content with the values of dotted keys replaced by cells; `base` stays as it is.
+    """A problem's content with values of dotted keys replaced by cells; `base` is not changed.
 
     Raises
     ------
-    ProblemFileError : a key leads into a value that is no table, or names one end of a pair whose other end is missing.
+    ProblemFileError : a key leads into a value that is no table, or gives only one end of a pair.
     """
     content = copy.deepcopy(base)
     own: set[int] = set()  # ranges of motion that this row makes up anew
@@ -154,7 +156,7 @@ def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[
 
 
 def cell_value(cell: str) -> Any:
-    """What a cell says: a decimal number, true or false, a list or a quoted text as in TOML; else the text itself."""
+    """Value of a cell: a decimal number, true or false, a list or quoted text as in TOML, else the text itself."""
     text = cell.strip()
     try:
         check_key_depth(text, name=cell)
@@ -172,7 +174,7 @@ def cell_value(cell: str) -> Any:
 
 
 def _entered(into: Any, part: str, after: str, own: set[int], *, key: str, cell: str, file: str) -> Any:
-    """What lies below `part`, made where it is missing; `after` is what comes below that."""
+    """The value below `part`, which is created if missing; `after` are the parts below it."""
     if isinstance(into, list) and part.isdecimal() and int(part) < len(into):
         return into[int(part)]
     if not isinstance(into, dict):
@@ -212,19 +214,19 @@ def _at(content: Any, places: Sequence[str]) -> Any:
 
 
 def participants_of(source: Path, *, problem: str | None = None) -> tuple[Participant, ...]:
-    """The people of a folder of problem files, or of a table whose rows change one problem.
+    """The people of a folder of problem files, or of a table whose rows modify one problem.
 
     Parameters
     ----------
     source : a folder with a `.toml` for each person, or a `.csv`.
-    problem : the file, or the name of a shipped problem, that the rows of a table change; `upper_limb/workspace` by
-        default.
+    problem : problem file, or name of a shipped problem, that the rows of a table modify; default
+        `upper_limb/workspace`.
 
     Raises
     ------
-    ProblemFileError : nobody there, no column `participant`. A name that is no folder's, or stands twice, is in the
-        `error` of whom it concerns.
-    ConfigurationError : `problem` for a folder, whose files are problems themselves.
+    ProblemFileError : no people, or no column `participant`. An invalid or repeated name is in the `error` of the
+        people concerned.
+    ConfigurationError : `problem` for a folder, which contains whole problems.
     """
     if source.is_dir():
         if problem is not None:
@@ -238,7 +240,7 @@ def participants_of(source: Path, *, problem: str | None = None) -> tuple[Partic
 
 
 def participants_in_folder(folder: Path) -> tuple[Participant, ...]:
-    """One person for each `.toml` directly in the folder, by the name of the file; raises as `participants_of`."""
+    """One person for each `.toml` directly in the folder, named after the file; raises as `participants_of`."""
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".toml")
     if not files:
         raise ProblemFileError(folder, "folder", "no .toml in it", "a problem file for each participant")

@@ -1,4 +1,4 @@
-"""Tasks on every core, a process each: one that dies or hangs takes down no task but its own."""
+"""Tasks on every core, one process each: a process that dies or hangs affects only its own task."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ A = TypeVar("A")
 
 DIED = "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
 HANDED = 256
-"""Tasks that an executor is given at once: enough for so many cores, and what as many answers take in memory."""
+"""Number of tasks given to an executor at once: enough for as many cores, and a bound for the memory of the answers."""
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-"""Of numpy and scipy; read when a process loads them."""
+"""Sets the threads of numpy and scipy; read when a process loads them."""
 PRELOADED = (
     "casadi", "matplotlib.figure", "matplotlib.backends.backend_agg", "mpl_toolkits.mplot3d", "PIL.JpegImagePlugin",
     "scipy.interpolate", "scipy.optimize", "scipy.stats", "shapely", "skimage.measure",
 )  # fmt: skip
-"""What runs load, 2 s of processor time and more: a server loads it once, and each process is a fork of it."""
+"""Modules that runs need, which take over 2 s to load: a server loads them once, and each process is a fork of it."""
 
 
 class WorkerDiedError(Exception):
-    """The process that worked on a task ended without an answer: killed, out of memory, or crashed."""
+    """The process of a task ended without an answer: killed, out of memory, or crashed."""
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -51,14 +51,16 @@ def answers(
     workers: int | None,
     timeout_s: float | None = None,
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Each task with its answer, or with the exception that it ended in, as they come.
+    """Each task with its answer, or with the exception that ended it, in the order of completion.
 
     Parameters
     ----------
-    work : must be found by its name in another process, and its answers be picklable.
-    executor : where to work; processes of this machine without one. One that breaks fails all tasks it had left.
-    workers : processes, as many as `cores` by default; tasks that an executor is given at once, `HANDED` by default.
-    timeout_s : [s] after which a task's process is killed, without an executor; TimeoutError is then its answer.
+    work : must be importable by its name in another process, and its answers must be picklable.
+    executor : runs the tasks; by default processes of this machine. An executor that breaks fails all its remaining
+        tasks.
+    workers : number of processes, default `cores`; with an executor, number of tasks given to it at once, default
+        `HANDED`.
+    timeout_s : [s] after which a task's process is killed (without an executor); its answer is then a TimeoutError.
     """
     if executor is not None:
         yield from _by(executor, tasks, work, workers or HANDED)
@@ -69,7 +71,7 @@ def answers(
 def _by(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks given to an executor; what it gave up with a worker that was lost is at last given to it alone."""
+    """Tasks given to an executor; tasks that it lost together with a worker are finally run alone."""
     suspects = []
     for task, answer in _given(executor, tasks, work, handed):
         if _lost_with_worker(answer):
@@ -81,7 +83,7 @@ def _by(
 
 
 def _lost_with_worker(answer: object) -> bool:
-    """Whether dask gave a task up because it waited or ran where workers were lost: the fault may be another's."""
+    """Whether dask gave a task up because a worker was lost, for which another task may be the cause."""
     dask = sys.modules.get("distributed")
     return dask is not None and isinstance(answer, dask.KilledWorker)
 
@@ -89,7 +91,7 @@ def _lost_with_worker(answer: object) -> bool:
 def _given(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks given to an executor, `handed` at once: answers that wait to be taken are not to fill the memory."""
+    """Tasks given to an executor, `handed` at a time, so that waiting answers do not fill the memory."""
     waiting, running = deque(tasks), dict[Future[A], T]()
     try:
         while waiting or running:
@@ -111,7 +113,7 @@ def _given(
 def _by_processes(
     waiting: deque[T], work: Callable[[T], A], workers: int, timeout_s: float | None
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks in a process each, `workers` of them at once; whatever ends this, no process stays."""
+    """Tasks in a process each, `workers` at a time; no process is left over, however this ends."""
     context = _context(work.__module__)
     running: dict[Any, tuple[Any, T, float]] = {}
     try:
@@ -139,7 +141,7 @@ def _by_processes(
 
 
 def _context(module: str) -> Any:
-    """Forks of a server that has loaded what runs need; on systems without forks, new processes."""
+    """Forks of a server that has loaded the needed modules; on systems without fork, new processes."""
     if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -149,7 +151,7 @@ def _context(module: str) -> Any:
 
 
 def _answer_into(send: Connection, work: Callable[[T], A], task: T) -> None:
-    """What a process does; Ctrl-C is for the one that started it, with which it ends, however that ends."""
+    """The work of a process; it ignores Ctrl-C, since its parent handles it and ends its processes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with ThreadPoolExecutor(1) as one:  # whatever it raises is an answer
@@ -157,7 +159,7 @@ def _answer_into(send: Connection, work: Callable[[T], A], task: T) -> None:
 
 
 def _received(answer: Connection) -> Any:
-    """An answer; what was cut off, or cannot be made again from its pickle, is `WorkerDiedError`."""
+    """An answer; a truncated one, or one that cannot be unpickled, is `WorkerDiedError`."""
     try:
         return answer.recv()
     except (ArithmeticError, AttributeError, EOFError, ImportError, LookupError, OSError, TypeError, ValueError):
@@ -168,9 +170,10 @@ def _received(answer: Connection) -> Any:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Processes that start meanwhile compute in one thread each, unless the user says otherwise: there is one a core.
+    """Processes started inside this context compute in one thread each, unless the user set a number: there is one
+    process per core.
 
-    On cores that are all busy a second thread of OpenBLAS waits at full speed for its turn: a map cost 4.3 s for 1.9 s.
+    If all cores are busy, a second thread of OpenBLAS waits in a busy loop: a map took 4.3 s instead of 1.9 s.
     """
     own = BLAS_THREADS not in os.environ
     if own:

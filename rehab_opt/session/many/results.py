@@ -1,4 +1,4 @@
-"""Results on disk: a folder for each person, and results.csv with a row for each. What is half written never counts."""
+"""Results on disk: a folder for each person, and results.csv with one row for each. Incomplete results never count."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ __all__ = [
 ]  # fmt: skip
 
 DONE, REFUSED, FAILED, NOT_RUN = "done", "refused", "failed", "not run"
-"""Of a row: computed; its input cannot be used; the computation failed; the run was interrupted before it."""
+"""Status of a row: computed; invalid input; failed computation; interrupted before its turn."""
 MARK = "result.json"
-"""Written last: a folder without it holds no result."""
+"""Written last: a folder without it has no result."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class ResultRow:
     Parameters
     ----------
     status : DONE, REFUSED, FAILED or NOT_RUN.
-    error : one line, why it is not done.
-    seconds : what computing it took, whenever that was.
+    error : one line, the reason why it is not done.
+    seconds : computing time, also of an earlier run.
     numbers : metrics by dotted key.
-    kept : True if it was there from an earlier run.
-    inputs, covariates : of their row of a table.
+    kept : True for a result of an earlier run.
+    inputs, covariates : from the person's row in a table.
     """
 
     participant: str
@@ -55,7 +55,7 @@ class ResultRow:
 
 
 def keep(participant: str, answer: PersonResult, folder: Path, digest: str) -> ResultRow:
-    """Put a person's result into their folder: each file whole or not at all, and the mark that they count last."""
+    """Write a person's result into their folder: each file completely or not at all, and the mark last."""
     forget(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in answer.files.items():
@@ -71,7 +71,7 @@ def keep(participant: str, answer: PersonResult, folder: Path, digest: str) -> R
 
 
 def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
-    """The row of a result of the same inputs that is there already; None where there is none."""
+    """The row of an existing result with the same inputs; None if there is none."""
     mark = _mark(folder)
     if mark is None or mark["digest"] != digest or not all((folder / name).is_file() for name in mark["files"]):
         return None
@@ -79,12 +79,14 @@ def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
 
 
 def _named_once(numbers: Mapping[str, Cell]) -> dict[str, Cell]:
-    """The numbers under names that all rows share: those of 10 000 people would take as much memory as the numbers."""
+    """The numbers under names that all rows share: for 10 000 people the names would need as much memory as the
+    numbers.
+    """
     return {sys.intern(key): value for key, value in numbers.items()}
 
 
 def forget(folder: Path) -> None:
-    """Remove an earlier result, so that none of other inputs stays behind; what is not ours stays."""
+    """Remove an earlier result with other inputs; files that are not ours stay."""
     mark = _mark(folder)
     (folder / MARK).unlink(missing_ok=True)
     for name in mark["files"] if mark is not None else ():
@@ -94,13 +96,13 @@ def forget(folder: Path) -> None:
 
 
 def write_rows(rows: Sequence[ResultRow], file: Path) -> None:
-    """All rows; columns are what any of them has: covariates, inputs under `input.`, numbers."""
+    """Write all rows; the columns are the union of their covariates, inputs (as `input.`) and numbers."""
     table = _columns(rows)
     _write_csv(file, list(table), list(zip(*table.values(), strict=True)))
 
 
 def write_parquet(rows: Sequence[ResultRow], file: Path) -> None:
-    """The same rows with typed columns, of numbers, of truth values or of texts; without pyarrow, no file."""
+    """Write the same rows with typed columns of numbers, truth values or texts; without pyarrow, no file."""
     file.unlink(missing_ok=True)
     if importlib.util.find_spec("pyarrow") is None:
         return
@@ -130,7 +132,7 @@ def _columns(rows: Sequence[ResultRow]) -> dict[str, list[Cell]]:
 
 
 def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
-    """Cells of one type: as they are where all are texts or all are truth values, numbers, else as texts."""
+    """Cells of one type: unchanged if all are texts or all are truth values, else numbers, else texts."""
     kinds = {type(cell) for cell in cells if cell is not None}
     if kinds <= {int, float}:
         return [None if cell is None else float(cell) for cell in cells]
@@ -138,7 +140,9 @@ def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
 
 
 def write_groups(rows: Sequence[ResultRow], file: Path) -> None:
-    """Every number of the rows that are done over each group and condition: how many, mean, spread, quartiles."""
+    """Write statistics of each number over the finished rows of each group and condition: count, mean, spread,
+    quartiles.
+    """
     of: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         group, condition = (row.covariates.get(key) or "all" for key in ("group", "condition"))
@@ -171,7 +175,7 @@ def _written(cell: Cell) -> object:
 
 
 def _mark(folder: Path) -> dict[str, Any] | None:
-    """What the mark says; None where there is none, or none that can be read."""
+    """Content of the mark; None if there is none, or it cannot be read."""
     try:
         mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -184,14 +188,14 @@ MAX_LISTED = 20
 
 
 def counted(rows: Sequence[ResultRow]) -> str:
-    """How many are done, and how many of them were so before."""
+    """Number of finished people, and how many of them are from earlier runs."""
     failed, kept = sum(bool(row.error) for row in rows), sum(row.kept for row in rows)
     said = f"{len(rows) - failed} of {len(rows)} participants done"
     return f"{said}, {kept} of them from an earlier run" if kept else said
 
 
 def failed_table(rows: Sequence[ResultRow]) -> Table:
-    """Those that are not done and why, the first ones of them."""
+    """The first people who are not done, with the reasons."""
     failed = [row for row in rows if row.error]
     more = len(failed) - MAX_LISTED
     table = Table(caption=f"{more} more are not done: see results.csv" if more > 0 else None)

@@ -1,4 +1,4 @@
-"""Many people's problems at once, each with a row of its own whatever becomes of the others."""
+"""Batch runs: one row for each person, independent of the others."""
 
 from __future__ import annotations
 
@@ -48,38 +48,38 @@ def run_many(
 ) -> tuple[ResultRow, ...]:
     """Run every person's problem; write a folder for each, results.csv with a row for each, and groups.csv.
 
-    Where pyarrow is there (extra `parquet`), results.parquet has the same rows, with columns of one type each.
+    With pyarrow (extra `parquet`), results.parquet has the same rows with typed columns.
 
-    results.csv is written anew while they end, every second or less often where that would take long. A result that is
-    there already, of the same problem, recordings and software, is kept. Interrupted, it leaves what is done, and
-    results.csv; called again, it does the rest.
+    results.csv is updated during the run, every second, or less often if writing takes long. An existing result of the
+    same problem, recordings and software is kept. An interrupted run leaves its results and results.csv; another call
+    does the rest.
 
         with distributed.Client(...) as client:
             run_many(participants_of(Path("people.csv")), out=Path("out"), executor=client.get_executor())
 
     Parameters
     ----------
-    participants : from `participants_of`, names differing.
+    participants : from `participants_of`, with distinct names.
     out : folder of the results.
-    executor : any `concurrent.futures.Executor`, such as a dask.distributed client's; its workers need this library
-        and the recordings, and write nothing. By default a process for each core; one that dies fails its own person
-        alone.
-    workers : processes, one for each core by default; where an executor is given, how many people it is given at once
-        (256 by default).
-    progress : called with how many are done.
-    work : what is done for one person; importable by name, for other processes.
-    timeout_s : [s] after which a person's process is killed, and their row says so; not with an executor of one's own.
-    record : called for each person that was computed, or kept: their row, the folder of the result and the digest of
-        what it depends on; in this process, before the next one.
+    executor : any `concurrent.futures.Executor`, such as a dask.distributed client's; its workers need this library and
+        the recordings, and write nothing. By default one process for each core; a process that dies fails only its own
+        person.
+    workers : number of processes, by default one for each core; with an executor, number of people given to it at once
+        (default 256).
+    progress : called with the number of finished people.
+    work : the work for one person; importable by name, for other processes.
+    timeout_s : [s] after which a person's process is killed, which their row reports; not with your own executor.
+    record : called in this process for each person, computed or kept, before the next one: with their row, the folder
+        of the result and the digest of its inputs.
 
     Returns
     -------
-    A row for each person, in their order.
+    One row for each person, in their order.
 
     Raises
     ------
-    ConfigurationError : nobody, two of one name, a number of workers below 1, a folder that cannot be written to.
-    RehabOptError : nobody's problem can be used; the first one's refusal, and nothing is written.
+    ConfigurationError : no people, two with the same name, fewer than 1 worker, or a folder that cannot be written to.
+    RehabOptError : no problem is valid; it is the error of the first one, and nothing is written.
     """
     names = [person.name for person in participants]
     if not names or len(set(names)) < len(names):
@@ -138,7 +138,7 @@ def run_many(
 
 
 class _Sometimes:
-    """Does something at most once a second, and for a twentieth of the time."""
+    """Calls a function at most once a second, and for at most a twentieth of the time."""
 
     def __init__(self, do: Callable[[], None]) -> None:
         self._do = do
@@ -159,11 +159,11 @@ def _digest(person: Participant) -> str:
 
 
 class UnusableParticipantError(RehabOptError):
-    """A row or a file was refused when it was read; the message is that refusal."""
+    """A row or file that was refused on reading; the message gives the reason."""
 
 
 def _row(name: str, answer: PersonResult | BaseException, folder: Path, digest: str) -> ResultRow:
-    """The row of an answer, which is kept; what cannot be written is one person's failure."""
+    """The row of an answer, which is stored; a failure to write counts as this person's failure."""
     try:
         if isinstance(answer, PersonResult):
             return keep(name, answer, folder, digest)

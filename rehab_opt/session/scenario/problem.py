@@ -232,7 +232,7 @@ class RunSection(Section):
     laws: Annotated[list[Law], Field(min_length=1), Once] = Field(default=["unassisted", "assisted", "published"])
     """Controllers to compare; `together` and `delayed` need a mapped path and `follow`."""
     solver: SolverName | None = None
-    """Default: `Assistance`'s; `--solver` overrides it."""
+    """Solver of the QP; default: `Assistance`'s; `--solver` overrides it."""
 
 
 class ScenarioProblem(Problem):

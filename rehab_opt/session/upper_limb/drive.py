@@ -1,4 +1,4 @@
-"""A drive that gets the joints of a followed path, and the postures that it needs between two samples."""
+"""A drive that follows the joints of a path, with intermediate postures between samples."""
 
 from __future__ import annotations
 
@@ -19,32 +19,34 @@ __all__ = ["DT", "bounds_of_drive", "driven", "hand_and_tilt", "law_columns"]
 
 DT = 0.001  # [s]
 OFF, OVER = 1e-4, math.radians(1e-3)
-"""[m, rad] by which hand and handle may leave their ways amid two postures."""
+"""[m, rad] Largest deviation of hand and handle from their path between two postures."""
 LONG = 0.02
-"""[rad] Steps of a joint up to this, from posture to posture, are curves near enough to lines."""
+"""[rad] Joint steps up to this size are close enough to straight lines."""
 HEAVY = 100.0
-"""What the cosine of the handle's tilt counts for against the hand's place [m]."""
+"""Weight of the handle tilt's cosine relative to the hand position [m]."""
 DAMPING, ROUNDING = 1e-2, 1e-9
-"""[m/rad] What a step counts for at first; [rad] by which its bounds are apart where a joint is at its limit."""
+"""[m/rad] Initial damping of a step; [rad] least gap between its bounds for a joint at its limit."""
 HALVINGS, STEPS = 6, 20
-"""Of the way from sample to sample, and of Newton's to a posture amid two."""
+"""Largest number of halvings between two samples, and of Newton steps for an intermediate posture."""
 
 
 def law_columns(trace: Trace, law: str) -> dict[str, NDArray[Any]]:
-    """The columns of one controller, without its name; `joint` (N, n) [rad] are its joints."""
+    """The columns of one controller, without its name as prefix; `joint` (N, n) [rad] are the joint positions."""
     found = {name.lstrip("_"): values for name, values in trace.items() if name.lstrip("_").startswith(law)}
     return {name[len(law) + 1 :] or "joint": values for name, values in found.items()}
 
 
 def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
-    """Hands (N, 3) [m], and angles (N,) [rad] of the handle from the vertical, of postures q (N, n)."""
+    """Hand positions (N, 3) [m], and angles (N,) [rad] between handle and vertical, for postures q (N, n)."""
     poses = np.array([arm.pose(posture) for posture in q])
     hand, handle = poses[:, :3, 3], poses[:, :3, 0]
     return hand, np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2])
 
 
 def bounds_of_drive(chain: SerialChain, bounds: SmoothingSection) -> dict[str, Any]:
-    """Bounds of the joints, each (n,) [rad/s, rad/s^2]: the smaller of the file's and the chain's; jerk [rad/s^3]."""
+    """Bounds of the joints, each (n,): the smaller of the file's and the chain's speed [rad/s] and acceleration
+    [rad/s^2]; jerk [rad/s^3].
+    """
     return {
         "velocity": np.minimum(math.radians(bounds.speed_deg_s), chain.velocity),
         "acceleration": np.minimum(math.radians(bounds.acceleration_deg_s2), chain.acceleration),
@@ -55,18 +57,19 @@ def bounds_of_drive(chain: SerialChain, bounds: SmoothingSection) -> dict[str, A
 def driven(
     chain: SerialChain, q: Array, times: Array, path: Array, bounds: Mapping[str, Any], *, handle_tilt: float
 ) -> Iterator[tuple[str, Array]]:
-    """Columns of a trace: the joints q (N, n) [rad] at `times` (N,) [s] of a hand path (N, 3) [m], by `smooth_path`.
+    """Columns of a trace: the joints q (N, n) [rad] at `times` (N,) [s] of a hand path (N, 3) [m], passed by
+    `smooth_path`.
 
-    All joints wait for the slowest, so that hand and handle keep their way; the hand is compared with the path at the
-    drive's phase. Where a straight line of the joints would lead the hand off its way, or the handle (largest tilt
-    `handle_tilt` [rad]) further over, from one sample to the next, postures in between are found (`_with_between`).
+    All joints wait for the slowest one, so hand and handle keep their path; the hand is compared with the path at the
+    drive's phase. If a straight joint motion between two samples would move the hand off its path, or tilt the handle
+    beyond `handle_tilt` [rad], intermediate postures are inserted (`_with_between`).
 
     Yields
     ------
-    drive_t_s (N,), drive (N, n) : when it passes each sample, its joints there [rad].
-    drive_position_error_m, drive_handle_tilt_rad (N,) : largest ones while it is nearest to this sample.
-    _drive_time_s, _drive_phase_s (M,), _drive_joint (M, n), _drive_hand (M, 3) : each `DT`, its time and that of the
-        recording which it passes, joints, hand. _drive_deviation (n,) : as of `SmoothPath`.
+    drive_t_s (N,), drive (N, n) : time at which it passes each sample, and joint positions there [rad].
+    drive_position_error_m, drive_handle_tilt_rad (N,) : largest values while this sample is the nearest. _drive_time_s,
+    _drive_phase_s (M,), _drive_joint (M, n), _drive_hand (M, 3) : every `DT`, the drive's time, the recording's time,
+    joints and hand. _drive_deviation (n,) : as in `SmoothPath`.
     """
     found = smooth_path(
         *_with_between(chain, q, times, handle_tilt), **bounds, dt=DT, lower=chain.lower, upper=chain.upper
@@ -88,7 +91,7 @@ def driven(
 
 
 def _with_between(chain: SerialChain, q: Array, times: Array, handle_tilt: float) -> tuple[Array, Array]:
-    """Times (M,) and postures (M, n): those given, and as many amid them as the hand and the handle need."""
+    """Times (M,) and postures (M, n): the given ones, and as many intermediate ones as hand and handle need."""
     for _ in range(HALVINGS):
         hand, tilt = hand_and_tilt(chain, q)
         middle, most = (q[1:] + q[:-1]) / 2, np.maximum(np.maximum(tilt[1:], tilt[:-1]), handle_tilt)
@@ -104,9 +107,10 @@ def _with_between(chain: SerialChain, q: Array, times: Array, handle_tilt: float
 
 
 def _amid(chain: SerialChain, q: Array, hand: Array, handle_tilt: float) -> Array:
-    """Posture near q (n,), with the hand (3,) [m] and the handle over by so much at most; the nearest to it on the way.
+    """Posture near q (n,) with the hand at (3,) [m] and the handle tilted by at most `handle_tilt`; the nearest one if
+    there is none.
 
-    Gauss-Newton's steps within the joint limits, in which the handle comes before the hand.
+    It takes Gauss-Newton steps within the joint limits, with the handle weighted above the hand.
     """
     from scipy.optimize import lsq_linear  # noqa: PLC0415  (loaded when used)
 

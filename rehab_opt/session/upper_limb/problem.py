@@ -1,4 +1,4 @@
-"""What a problem file of `system = "upper_limb"` may say, and what each key means."""
+"""Keys of a problem file of `system = "upper_limb"`, with their meaning."""
 
 from __future__ import annotations
 
@@ -28,41 +28,41 @@ PostureWeight = Annotated[
 
 
 class RunSection(Section):
-    """How densely the movement is sampled."""
+    """Sampling of the movement."""
 
     rate_hz: float = Field(default=100.0, ge=1, le=1000)
-    """Samples a second at which the controllers are run."""
+    """Samples per second of the path for the controllers."""
 
 
 class OptimisedSection(Section):
     """The optimised controller, `ArmIK`."""
 
     solver: SolverName | None = None
-    """A solver that `ArmIK` knows, by default its own; `--solver` replaces it."""
+    """A solver for `ArmIK`; default: its own; `--solver` overrides it."""
     posture_cost: dict[str, PostureWeight] = Field(default={"rest": 1.0}, min_length=1)
-    """Weights of the posture's terms (`rest`, `elbow`, `displacement`, `speed`, `acceleration`, `manipulability`), each
-    one number or a table by joint."""
+    """Weights of the terms of the posture cost (`rest`, `elbow`, `displacement`, `speed`, `acceleration`,
+    `manipulability`), each one number or a table by joint."""
 
 
 class PublishedSection(Section):
     """The published controller, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
 
     gain_per_s: float | None = Field(default=None, gt=0, le=1000)
-    """k0, by default `TangentLaw`'s (1000). The paper gives no value; the defaults of this and the next key are the
-    best of the grid that `python -m bench.tangent_law` prints."""
+    """k0; default: `TangentLaw`'s (1000). The paper gives no value; the defaults of this and the next key are the best
+    of the grid that `python -m bench.tangent_law` prints."""
     damping: Positive | None = None
-    """mu, by default `TangentLaw`'s (1e-6); the paper asks for mu << 1."""
+    """mu; default: `TangentLaw`'s (1e-6); the paper requires mu << 1."""
 
 
 class SmoothingSection(Section):
-    """Bounds of the joint motion that a drive gets; the same for every joint."""
+    """Bounds of the drive's joint motion, equal for every joint."""
 
     speed_deg_s: float = Field(default=180.0, ge=1, le=1e4)
-    """Where a joint would be faster, all of them wait; capped by the arm's."""
+    """Largest speed; all joints wait for the slowest one. A lower limit of the arm takes precedence."""
     acceleration_deg_s2: float = Field(default=1800.0, ge=1, le=1e7)
-    """Likewise."""
+    """Largest acceleration; a lower limit of the arm takes precedence."""
     jerk_deg_s3: float = Field(default=180000.0, ge=1, le=1e10)
-    """Likewise; the arm has no bound of its own."""
+    """Largest jerk; the arm has no limit of its own."""
 
 
 class UpperLimb(Problem):
@@ -70,16 +70,16 @@ class UpperLimb(Problem):
 
     system: Literal["upper_limb"]
     arm: ArmSection
-    """Whose arm."""
+    """The participant's arm."""
     recording: RecordingSection
-    """Which movement."""
+    """The recorded movement."""
     placement: PlacementSection
-    """Where it lies."""
+    """Position of the path."""
     run: RunSection = RunSection()
-    """How densely."""
+    """The sampling."""
     optimised: OptimisedSection = OptimisedSection()
     """The optimised controller."""
     published: PublishedSection = PublishedSection()
     """The published controller."""
     smoothing: SmoothingSection = SmoothingSection()
-    """The drive."""
+    """Bounds of the drive."""

@@ -47,15 +47,15 @@ __all__ = ["LAWS", "FollowedPath", "UpperLimbSystem", "claimed", "verified"]
 Config = ProblemFile[UpperLimb]
 LAWS = ("optimised", "published")
 KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSection)
-"""Where the problem file says what a controller calls by its own name."""
+"""Keys of the problem file for arguments of the controllers."""
 FOLLOWED = 1e-3
-"""[m] A sample counts as followed when the hand is no further off and the handle within its tilt."""
+"""[m] A sample is followed if the hand is at most this far from it and the handle is within its tilt."""
 REACHED = 2e-6
-"""[m] `ArmIK` calls a sample reached to 1e-6 m; its word is checked against the kinematics with this."""
+"""[m] `ArmIK` claims a sample to 1e-6 m; this tolerance checks the claim against the kinematics."""
 ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
 DRIVEN_DEG = 0.01  # by which a drive may tilt further: it goes on between the samples that the law is asked for
 LOOKED_AT = 40
-"""Samples, evenly along the time of the path, of which `check` says whether they are in reach."""
+"""Number of samples, equally spaced in time, that `check` tests for reach."""
 
 
 class FollowedPath:
@@ -63,8 +63,8 @@ class FollowedPath:
 
     Raises
     ------
-    ProblemFileError : the recording, or a value of the file, is refused.
-    ConfigurationError : `solver` is.
+    ProblemFileError : the recording, or a value of the file, is not valid.
+    ConfigurationError : `solver` is not valid.
     """
 
     def __init__(self, config: Config, laws: Sequence[str] = LAWS, solver: str | None = None) -> None:
@@ -93,7 +93,7 @@ class FollowedPath:
         return refused_as(self._file, keys, option=self._solver)
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """A row a sample of the path; hands and tilts are recomputed from the joints of each controller."""
+        """One row for each sample of the path; hands and tilts are recomputed from each controller's joints."""
         trace, arm, path = Trace({"t_s": self.recording.time, "path": self.path}), self.arm, self.path
         for law, follower in self.laws.items():
             progress(f"{law} law", 0, 1)
@@ -121,7 +121,7 @@ class FollowedPath:
         return trace
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """How much of the path is in reach, and of each controller what it and a drive made of the path."""
+        """Fraction of the path in reach, and results of each controller and its drive."""
         path, reachable = trace["path"], trace.get("reachable")
         of_length, of_time = (None, None) if reachable is None else path_fractions(path, reachable)
         return {
@@ -183,7 +183,7 @@ class FollowedPath:
         }
 
     def _parameters(self, law: str) -> dict[str, Any]:
-        """What the controller runs with, its own defaults included."""
+        """Parameters of the controller, including its defaults."""
         of, optimised = self.laws[law], self.problem.optimised
         if law == "published":
             numbers = {"gain_per_s": of.gain, "damping": of.damping, "saturation": of.saturation}
@@ -196,7 +196,7 @@ class FollowedPath:
         }
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Of the recording; within which bounds joints are driven; of each controller what it did not do."""
+        """Notes on the recording, the bounds of the drive, and failures of each controller."""
         numbers, of_handle = self.numbers(trace), f"{self.problem.arm.handle_tilt_deg:g} deg from the vertical"
         yield from self.recording.notes
         yield f"the handle may tilt by {of_handle}"
@@ -213,17 +213,17 @@ class FollowedPath:
 
 
 def claimed(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """(N,) where the controller of these columns says that the hand is on the path."""
+    """(N,) whether the controller of these columns claims that the hand is on the path."""
     return np.array([Status(status).certified for status in of["status"]])
 
 
 def verified(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """(N,) where it says so, and the kinematics agrees."""
+    """(N,) whether it claims so and the kinematics agrees."""
     return np.asarray(claimed(of) & (of["position_error_m"] <= REACHED))
 
 
 def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
-    """(N,) where a sample counts as followed; `limit` [rad] of the tilt."""
+    """(N,) whether a sample is followed; `limit` [rad] for the tilt."""
     return np.asarray((error <= FOLLOWED) & (tilt <= limit))
 
 
@@ -240,7 +240,7 @@ def _published(chosen: Mapping[str, float], *, winds_up: bool) -> Iterator[str]:
 
 
 def _law_notes(law: str, of: Mapping[str, Any], samples: int) -> Iterator[str]:
-    """Why samples are not plainly ok, which joint is too fast, and how far the handle tilts."""
+    """Notes on samples that are not ok, joints that are too fast, and the tilt of the handle."""
     for reason, count in of["reasons"].items():
         yield f"the {law} law, {count} of {samples} samples: {reason}"
     if (ratio := of["joint_speed_max_fraction_of_limit"]) > 1:
@@ -277,11 +277,11 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         return {(): FollowedPath(config, LAWS if law == "both" else (law,), solver)}
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each controller."""
+        """One column for each controller."""
         return {law: outcome.metrics[law] for law in LAWS if law in outcome.metrics}
 
     def caption(self, outcome: Outcome) -> str:
-        """How much of the path the arm reaches."""
+        """Fraction of the path that the arm reaches."""
         part, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
         if part is None:
             return "the fraction of the path within reach is not known: run the optimised controller"
@@ -294,7 +294,7 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         return (Needed("recording.file", problem.recording.file),)
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Reads the recording and builds the controllers; of some samples, how many the hand gets to."""
+        """Read the recording and build the controllers; report how many of some samples the hand reaches."""
         scene = FollowedPath(config)
         path = scene.path
         places = path[np.unique(np.linspace(0, len(path) - 1, LOOKED_AT).round().astype(int))]
@@ -308,13 +308,13 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         return (*scene.recording.notes, size_note(scene.recording), said)
 
     def arms(self, config: Config) -> dict[str, SerialChain]:
-        """The participant's one."""
+        """The participant's arm."""
         section = config.problem.arm
         (name,) = ranges_by_name(section.range_of_motion)
         return {name: participant_arm(section, file=config.file)}
 
     def seconds_a_tick(self, problem: UpperLimb) -> float:
-        """NaN: its QPs are the iterations of inverse kinematics, one or more a sample."""
+        """NaN: its QPs are iterations of inverse kinematics, one or more for each sample."""
         return math.nan
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:

@@ -1,1 +1,1 @@
-"""One workspace mapped onto another, by the safe rule and by the published one."""
+"""Maps between two workspaces, by our safe rule and by the published one."""

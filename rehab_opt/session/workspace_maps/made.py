@@ -1,4 +1,4 @@
-"""What is mapped, the maps that were made, and what they carry."""
+"""The mapped sets, the computed maps, and mapped paths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENDS: tuple[End, ...] = ("source", "target")
 
 
 class MappedSet(NamedTuple):
-    """One of the two sets: its name, arm and range, and the key of the file that speaks of the arm."""
+    """One of the two sets: its name, arm and range of motion, and the key of the arm in the file."""
 
     name: str
     section: ArmInPlane
@@ -31,7 +31,7 @@ class MappedSet(NamedTuple):
 
 
 def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
-    """What the file says of one of the sets."""
+    """One of the two sets, from the file."""
     said = problem.source if end == "source" else problem.target
     if not isinstance(said, str):
         return MappedSet(end, said, said.range_of_motion, end)
@@ -40,7 +40,7 @@ def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
 
 
 class MadeMap:
-    """A map with its audit; both None where the rule finds none, and then why. `seconds` are without the audit."""
+    """A map with its audit; both are None, with a reason, if the rule finds no map. `seconds` excludes the audit."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class MadeMap:
 
 
 class Direction(NamedTuple):
-    """From one set into the other: a map for each rule, and the paths (N, 2) [m] that they carry."""
+    """From one set into the other: a map for each rule, and the paths (N, 2) [m] that they map."""
 
     key: str
     start: MappedSet
@@ -86,6 +86,6 @@ class Direction(NamedTuple):
     end_space: Workspace
     maps: list[MadeMap]
     before: dict[str, Array]
-    """By trajectory."""
+    """Paths by trajectory."""
     after: dict[str, dict[str, Array]]
-    """By rule and trajectory, of the rules that have a map."""
+    """Mapped paths by rule and trajectory, for rules with a map."""

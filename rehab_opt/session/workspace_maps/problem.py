@@ -1,4 +1,4 @@
-"""What a problem file of `system = "workspace_map"` may say, and what each key means."""
+"""Keys of a problem file of `system = "workspace_map"`, with their meaning."""
 
 from __future__ import annotations
 
@@ -34,37 +34,37 @@ Rotation = Annotated[
 
 
 class MapSection(Section):
-    """How the sets are mapped."""
+    """Rules and options of the map."""
 
     rules: Annotated[list[Literal["safe", "polar"]], Field(min_length=1, max_length=2), Once] = Field(
         default=["safe", "polar"]
     )
-    """Which landmark rules, side by side."""
+    """Landmark rules to compare."""
     directions: Literal["both", "forward"] = "both"
-    """Both ways, or from source to target alone."""
+    """Both directions, or only from source to target."""
     polar_landmarks: int = Field(default=20, ge=3, le=2000)
-    """Lines of the published rule."""
+    """Number of lines of the published rule."""
     rotation_deg: Rotation = 0.0
-    """By which directions turn on average; 0 keeps them, `"best"` is the turn that distorts least."""
+    """Average rotation of directions; 0 keeps them, `"best"` is the rotation with the least distortion."""
     audit_points: int = Field(default=20_000, ge=100, le=1_000_000)
-    """Random points of the audit."""
+    """Number of random points of the audit."""
     seed: int = Field(default=0, ge=0, le=2**31)
-    """Of the audit's points."""
+    """Seed of the audit's points."""
 
 
 class TrajectorySection(Section):
-    """A movement that lies in one of the sets and is carried into the other."""
+    """A movement in one of the sets, which is mapped into the other."""
 
     name: str = Field(min_length=1, max_length=40)
-    """What figures and `trace.csv` call it."""
+    """Name in figures and `trace.csv`."""
     set: End
-    """The set where it lies."""
+    """The set that contains it."""
     recording: RecordingSection
-    """Which movement."""
+    """The recorded movement."""
     placement: PlanarPlacement
-    """Where it lies, in the frame of the sets."""
+    """Its position in the frame of the sets."""
     rate_hz: float = Field(default=100.0, ge=1, le=1000)
-    """Samples a second."""
+    """Samples per second."""
 
 
 class WorkspaceMapProblem(Problem):
@@ -74,17 +74,17 @@ class WorkspaceMapProblem(Problem):
     source: MappedSet
     """A name of `arm.range_of_motion`, or a table with the keys of `[arm]` and one range."""
     target: MappedSet
-    """The other set, likewise."""
+    """The other set, in the same form."""
     arm: ArmOfRanges | None = None
-    """Whose arm; needed where a set is named."""
+    """The arm; needed if a set is given by name."""
     map: MapSection = MapSection()
-    """How the sets are mapped."""
+    """Rules and options of the map."""
     trajectory: Annotated[list[TrajectorySection], Field(max_length=MAX_TRAJECTORIES)] = Field(default=[])
-    """Movements to be carried over, each a `[[trajectory]]`."""
+    """Movements to map, each a `[[trajectory]]`."""
 
     @model_validator(mode="after")
     def sets_are_there(self) -> Self:
-        """Refuse the name of a range that `arm` has none of, and one trajectory's name twice."""
+        """Refuse names of ranges that `arm` lacks, and trajectories with the same name."""
         there = ranges_by_name(self.arm.range_of_motion) if self.arm is not None else {}
         for key in ("source", "target"):
             named = getattr(self, key)

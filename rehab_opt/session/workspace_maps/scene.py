@@ -1,4 +1,4 @@
-"""`system = "workspace_map"`: one workspace mapped onto another, by the safe rule and by the published one."""
+"""`system = "workspace_map"`: one workspace mapped onto another, by our safe rule and by the published one."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class MappedSets:
         return [reached(of.section, of.ranges, file=self.file, key=of.key) for of in sets]
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """A row for each sample of a trajectory, NaN after a rule without a map; `_map` is (starts, rules)."""
+        """One row for each sample of a trajectory, NaN for a rule without a map; `_map` is (starts, rules)."""
         found, rules = self._found(progress), self.problem.map.rules
         spaces = [of.workspace for of in found]
         pairs = list(product(self.starts, rules))
@@ -90,7 +90,7 @@ class MappedSets:
         return Trace(dict(zip(columns_of, columns, strict=True)) | kept, dict.fromkeys(["before", *after_names], XY))
 
     def directions(self, trace: Trace) -> Iterator[Direction]:
-        """What a trace says, by direction."""
+        """The maps of a trace, by direction."""
         for start, maps in zip(self.starts, trace["_map"], strict=True):
             end = 1 - start
             names = [each.name for each in self.problem.trajectory if each.set == ENDS[start]]
@@ -108,7 +108,7 @@ class MappedSets:
             )
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Both sets; each rule's map, and what it does to the trajectories."""
+        """Numbers of both sets, each rule's map, and the mapped trajectories."""
         sets = zip(ENDS, self.sets, trace["_space"], trace["_seconds"].tolist(), strict=True)
         return {
             "sets": {end: {"name": of.name, **workspace_metrics(space), "seconds": t} for end, of, space, t in sets},
@@ -124,7 +124,7 @@ class MappedSets:
         }
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Of the plane; why a map is not for a controller; which trajectories leave their set."""
+        """Notes on the plane, on maps that a controller must not use, and on trajectories that leave their set."""
         sections, spaces = [of.section for of in self.sets], trace["_space"]
         for section in sections[:1] if sections[0] == sections[1] else sections:
             of_it = zip(self.sets, spaces, strict=True)
@@ -206,7 +206,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
     schema = WorkspaceMapProblem
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, MappedSets]:
-        """Both directions together: one map is not the inverse of the other."""
+        """Both directions in one scene: one map is not the inverse of the other."""
         return {(): MappedSets(config)}
 
     def recordings(self, problem: WorkspaceMapProblem) -> tuple[Needed, ...]:
@@ -217,7 +217,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         )
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each direction and rule."""
+        """One column for each direction and rule."""
         return {
             f"{of['from']} -> {of['to']}\n{rule} rule": numbers
             for of in outcome.metrics["maps"].values()
@@ -232,7 +232,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         return f"{areas}. Passed: the map may go to a controller; the notes say why one is refused"
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Reads the trajectories, finds the sets."""
+        """Read the trajectories and compute the sets."""
         scene = MappedSets(config)
         spaces = scene.spaces()
         MadeMap(config.problem.map, scene.sets, spaces, start=0, rule="polar", file=config.file)  # refuses sets

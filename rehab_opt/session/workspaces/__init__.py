@@ -1,1 +1,1 @@
-"""Where an arm reaches, and maps between such sets."""
+"""Reachable workspaces of an arm, and maps between them."""

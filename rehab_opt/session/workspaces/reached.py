@@ -1,4 +1,4 @@
-"""The workspace of a problem's arm, with the time it took."""
+"""The workspace of a problem's arm, with the computing time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy"
 
 
 class Reached(NamedTuple):
-    """A workspace, the arm it belongs to, and how long it took to find [s]."""
+    """A workspace, its arm, and the computing time [s]."""
 
     arm: SerialChain
     workspace: Workspace
@@ -41,11 +41,11 @@ class Reached(NamedTuple):
 
 
 def reached(section: ArmInPlane, ranges: AnyRange, *, file: str, key: str) -> Reached:
-    """What the arm reaches with a range of motion; `key` is where the problem file speaks of the arm.
+    """Reachable workspace of the arm with a range of motion; `key` is the arm's key in the problem file.
 
     Raises
     ------
-    ProblemFileError : a value of the file is refused.
+    ProblemFileError : a value of the file is not valid.
     """
     arm = arm_of(section.side, section.segments, ranges, file=file, key=key)
     began = time.perf_counter()
@@ -55,7 +55,7 @@ def reached(section: ArmInPlane, ranges: AnyRange, *, file: str, key: str) -> Re
 
 
 def plane_of(section: ArmInPlane) -> dict[str, Any]:
-    """The plane, and how well the boundary in it is to be known, as arguments of `planar_workspace`."""
+    """The plane and the accuracy of its boundary, as arguments of `planar_workspace`."""
     return {
         "height": section.plane_height_m,
         "handle_tilt": tilt_of(section),
@@ -65,24 +65,24 @@ def plane_of(section: ArmInPlane) -> dict[str, Any]:
 
 
 def tilt_of(section: ArmInPlane) -> float | None:
-    """[rad] the largest angle of the handle; None for any."""
+    """[rad] Largest tilt of the handle; None for no limit."""
     return None if isinstance(section.handle_tilt_deg, str) else math.radians(section.handle_tilt_deg)
 
 
 def placement_of(section: ArmInPlane) -> ShoulderPlacement:
-    """Where the shoulder stands in the robot's frame."""
+    """Position of the shoulder in the robot's frame."""
     x, y, z = section.shoulder_m
     return ShoulderPlacement((x, y, z), math.radians(section.shoulder_turn_deg))
 
 
 def plane_words(section: ArmInPlane) -> str:
-    """Where the plane lies."""
+    """Position of the plane, as text."""
     height = section.plane_height_m
     return f"{abs(height):g} m {'above' if height > 0 else 'below'} the shoulder"
 
 
 def handle_words(section: ArmInPlane) -> str:
-    """What the handle may do."""
+    """Limit of the handle, as text."""
     tilt = section.handle_tilt_deg
     return (
         "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
@@ -90,7 +90,7 @@ def handle_words(section: ArmInPlane) -> str:
 
 
 def tilt_words(tilt: str | float) -> str:
-    """A largest tilt [deg], or that there is none."""
+    """A largest tilt [deg], or none, as text."""
     return "any" if isinstance(tilt, str) else f"{tilt:g} deg"
 
 
@@ -100,7 +100,7 @@ def sets_of(trace: Trace) -> dict[str, Workspace]:
 
 
 def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
-    """Component, ring and its vertices [m], the first one repeated at the end."""
+    """Component, ring and its vertices [m], with the first one repeated at the end."""
     if workspace.empty:
         return
     for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):

@@ -1,4 +1,6 @@
-"""`system = "workspace"`: where an arm reaches with one or several ranges of motion; volumes where asked for."""
+"""`system = "workspace"`: the reachable workspace of an arm with one or several ranges of motion; volumes if
+requested.
+"""
 
 from __future__ import annotations
 
@@ -36,32 +38,32 @@ __all__ = ["ReachedSets", "WorkspaceProblem", "WorkspaceSystem", "plane_notes", 
 
 
 class TiltsSection(Section):
-    """One range of motion again, with other tilts of the handle."""
+    """Other tilts of the handle for one range of motion."""
 
     range: str
-    """A name of `arm.range_of_motion`. A person's own range that takes the place of all names has no such areas."""
+    """A name of `arm.range_of_motion`. It is not possible with a person's own range that replaces all names."""
     handle_tilt_deg: Annotated[list[AnyTilt], Field(min_length=1, max_length=12), Once]
-    """Largest angles between handle and vertical, `"any"` for no such bound."""
+    """Largest angles between handle and vertical, `"any"` for no limit."""
 
 
 class WorkspaceProblem(Problem):
-    """Where an arm reaches with one or several ranges of motion."""
+    """The reachable workspace of an arm with one or several ranges of motion."""
 
     system: Literal["workspace"]
     arm: ArmOfRanges
-    """Whose arm."""
+    """The participant's arm."""
     volume: bool = False
-    """Also the volumes of Fig. 3(a), with the handle held as above and free."""
+    """Compute also the volumes of Fig. 3(a), with the handle held as above and free."""
     volume_accuracy_mm: float = Field(default=8.0, ge=1, le=50)
-    """Of the slices that make up a volume."""
+    """Accuracy of the slices that make up a volume."""
     volume_spacing_mm: float = Field(default=40.0, ge=5, le=500)
-    """Distance of these slices."""
+    """Distance between these slices."""
     tilts: TiltsSection | None = None
-    """The area of one range over the tilt of the handle."""
+    """The area of one range as a function of the handle's tilt."""
 
     @model_validator(mode="after")
     def range_of_tilts_is_there(self) -> Self:
-        """Refuse the name of a range that `arm` has none of."""
+        """Refuse the name of a range that `arm` lacks."""
         there = ranges_by_name(self.arm.range_of_motion)
         own = isinstance(self.arm.range_of_motion, RangeOfMotion)
         if self.tilts is not None and self.tilts.range not in there and not own:
@@ -74,7 +76,7 @@ Config = ProblemFile[WorkspaceProblem]
 
 
 class ReachedSets:
-    """The sets that an arm reaches, by the name of their range of motion."""
+    """The reachable sets of an arm, by the name of their range of motion."""
 
     def __init__(self, config: Config) -> None:
         self.problem, self._file = config.problem, config.file
@@ -84,10 +86,10 @@ class ReachedSets:
         """Whether the handle is held as in the plane, for each volume of a set."""
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """A row for each vertex: set, component (from 1), ring (0 is the outline, holes count from 1), x and y.
+        """One row for each vertex: set, component (from 1), ring (0 is the outline, holes count from 1), x and y.
 
-        Also kept: the sets `_workspace`, their names `_range`, `_seconds`; the volumes `_volume` (sets, `held`); the
-        sets `_tilted` of other tilts.
+        Kept in memory: the sets `_workspace`, their names `_range`, `_seconds`; the volumes `_volume` (sets, `held`);
+        the sets `_tilted` for other tilts.
         """
         arm, file = self.problem.arm, self._file
         found = {
@@ -128,7 +130,7 @@ class ReachedSets:
         )
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Area, shape, extent and volumes of each set, and how much of it lies in each other one."""
+        """Area, shape, extent and volumes of each set, and its overlap with each other set."""
         spaces, tilts = sets_of(trace), self.problem.tilts
         sets = {name: workspace_metrics(of) for name, of in spaces.items()}
         for (name, numbers), seconds in zip(sets.items(), trace["_seconds"].tolist(), strict=True):
@@ -152,7 +154,7 @@ class ReachedSets:
 
 
 WORSE = 1.0001
-"""An accuracy this much above the requested one is reported."""
+"""Ratio to the requested accuracy above which a note reports the achieved one."""
 
 
 def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
@@ -177,7 +179,7 @@ def fraction_inside(workspace: Workspace, larger: Workspace) -> float | None:
 
 
 def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterator[str]:
-    """What a reader of areas has to know."""
+    """Notes for a reader of the areas."""
     yield f"the plane lies {plane_words(section)}; {handle_words(section)}"
     yield "what joint limits and segment lengths allow: no muscle, no contact, no effort is part of it"
     for name, workspace in spaces.items():
@@ -197,7 +199,7 @@ def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterato
 
 
 def volume_metrics(volume: ReachableVolume) -> dict[str, Any]:
-    """Size of a volume, and how far it may be off."""
+    """Size of a volume and its error bound."""
     return {
         "volume_m3": volume.volume,
         "volume_bound_m3": volume.volume_bound,
@@ -216,7 +218,7 @@ class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
         return {(): ReachedSets(config)}
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """A column for each range of motion; volumes with the handle held as in the plane, or free."""
+        """One column for each range of motion; volumes with the handle held as in the plane, or free."""
         sets, volumes = outcome.metrics["sets"], outcome.metrics["volumes"]
         return {name: {**numbers, "volume": volumes.get(name, {})} for name, numbers in sets.items()}
 
@@ -226,7 +228,7 @@ class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
         return f"plane {plane_words(scene.problem.arm)}, {handle_words(scene.problem.arm)}"
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Builds the arms."""
+        """Build the arms."""
         self.arms(config)
         return ()
 
