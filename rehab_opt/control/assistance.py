@@ -79,7 +79,7 @@ class Assistance(BoundedForce):
         super().__init__(self._desired, force_limit=force_limit, **bounds)
 
     def set_field(self, field: PotentialField) -> None:
-        """Replace the field, for the next target of a grid; the slew bound makes the change smooth."""
+        """Replace the field, for example by that of the next target; the slew bound makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
         self._refuse_others()

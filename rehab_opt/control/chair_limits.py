@@ -183,7 +183,7 @@ class ChairLimits:
 
     @cached_property
     def contacts(self) -> ca.Function:
-        """Q, last u (n,), moving capsules -> see `control.limit`."""
+        """`q`, last u (n,), moving capsules -> see `control.limit`."""
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
@@ -225,7 +225,7 @@ class ChairLimits:
 
     @cached_property
     def _first_kept(self) -> ca.Function:
-        """Q, surroundings, u (n,), braking -> see `first_kept` of `control.limit`."""
+        """`q`, surroundings, u (n,), braking -> see `first_kept` of `control.limit`."""
         own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
         sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
         q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]

@@ -125,7 +125,7 @@ class ClearancePairs:
 
     @cached_property
     def distances(self) -> ca.Function:
-        """Q, moving capsules, time -> distance of every pair less the margin [m]."""
+        """`q`, moving capsules, time -> distance of every pair less the margin [m]."""
         q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("time")
         *columns, _, heights, _ = self._placed(q, told, time)
         apart = [each for cells, kind in zip(columns, KINDS, strict=True) for each in _mapped(kind.distance, cells)]
@@ -133,7 +133,7 @@ class ClearancePairs:
 
     @cached_property
     def nearest(self) -> ca.Function:
-        """Q, last velocity, moving capsules, time -> contacts with the least room in one column, see `read`.
+        """`q`, last velocity, moving capsules, time -> contacts with the least room in one column, see `read`.
 
         The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at the motion's
         state after half of the time, with distances extrapolated back to now. Pairs of a kind with more room are left
@@ -274,7 +274,7 @@ class ClearancePairs:
     # ---------------------------------------------------------------------------------------------- expressions
     @cached_property
     def _placed(self) -> ca.Function:
-        """Q, moving, time -> columns of capsule pairs and of pairs with boxes, plane contacts, heights, screws."""
+        """`q`, moving, time -> columns of capsule pairs and of pairs with boxes, plane contacts, heights, screws."""
         chain, given = self.chain, self.clearance
         q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.moving_size), ca.SX.sym("time")
         frames, links, margin = chain.frames_expression(q), chain.capsules, given.margin

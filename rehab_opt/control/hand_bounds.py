@@ -1,4 +1,6 @@
-"""Limits of a hand-holding arm besides its joints': a manipulability floor and keep-out planes, each a `Limit`."""
+"""Limits of a hand-holding arm in addition to its joint limits: a manipulability floor and keep-out planes, each a
+`Limit`.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,9 @@ __all__ = ["GuardedPoint", "HandBounds", "KeepOut", "guarded_points"]
 Array = NDArray[np.float64]
 
 SAMPLES = 5
-"""Random postures: balls that are equal at all of them are equal at every one."""
+"""Number of random postures; balls that coincide at all of them coincide always."""
 SAME = 1e-9
-"""[m] Distances that differ by rounding."""
+"""[m] Smaller differences of distances are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +36,8 @@ class HandBounds:
     chain : the arm.
     floor : least manipulability, as a fraction of `max_manipulability`.
     max_manipulability : largest manipulability of the arm.
-    planes : what to stay out of, with the chain's capsules, its tool's origin and the origins of its frames, as far as
-        joints move them (`guarded_points`).
+    planes : keep-out planes for the chain's capsules, the origins of its frames and its tool, if a joint moves them
+        (`guarded_points`).
     """
 
     chain: SerialChain
@@ -45,7 +47,7 @@ class HandBounds:
 
     @property
     def limits(self) -> list[Limit]:
-        """The floor, and one of each plane."""
+        """The floor, and one limit for each plane."""
         return [
             _Floor(self._above_floor, max_manipulability=self.max_manipulability),
             *(Limit(partial(self._above, plane)) for plane in self.planes),
@@ -59,22 +61,22 @@ class HandBounds:
 
     @cached_property
     def guarded(self) -> tuple[GuardedPoint, ...]:
-        """What stays out of the planes."""
+        """The points that stay out of the planes."""
         return guarded_points(self.chain)
 
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """W / w_max and its gradient (n,)."""
+        """Ratio w / w_max and its gradient (n,)."""
         w, gradient = self.chain.manipulability_expression(q), self.chain.manipulability_gradient_expression(q)
         return w / self.max_manipulability, gradient / self.max_manipulability
 
     def min_heights(self, q: Array, plane: KeepOut) -> Array:
-        """(M,) [m] of what is guarded above a plane at q (M, n); negative where the arm is in the keep-out."""
+        """(M,) [m] least height of the guarded points above a plane at q (M, n); negative inside the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
         heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
         return np.array(ca.Function("height", [symbol], [ca.mmin(heights)])(q.T)).ravel()
 
     def heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
-        """[m] of each guarded point's ball above a plane."""
+        """[m] Height of each guarded point's ball above a plane."""
         normal = ca.DM(plane.normal)
         return [
             ca.dot(normal, centre) - (plane.offset + point.radius)
@@ -82,38 +84,39 @@ class HandBounds:
         ]
 
     def _centres(self, frames: list[ca.SX]) -> list[ca.SX]:
-        """(3,) [m] of each guarded point."""
+        """(3,) [m] centre of each guarded point."""
         return [frames[i][:3, :3] @ ca.sparsify(ca.DM(offset)) + frames[i][:3, 3] for i, offset, _ in self.guarded]
 
 
 @dataclass(frozen=True, eq=False)
 class _Floor(Limit):
-    """w(q) / w_max - floor >= 0; its slope is zero where w is."""
+    """w(q) / w_max - floor >= 0; its slope is zero at w = 0."""
 
     max_manipulability: float = 1.0
 
     def slopes(self, chain: SerialChain, q: ca.SX) -> ca.SX:
-        """(1, n)"""
+        """(1, n) slope."""
         return chain.manipulability_gradient_expression(q).T / self.max_manipulability
 
 
 # ------------------------------------------- balls that stand for an arm before a plane: capsules, frames and the tool
 class GuardedPoint(NamedTuple):
-    """Ball that moves with a frame of a chain."""
+    """A ball that moves with a frame of a chain."""
 
     frame: int
-    """As in `LinkCapsule`: joints 1 to `frame` move it."""
+    """Number of the frame as in `LinkCapsule`: joints 1 to `frame` move it."""
     offset: tuple[float, float, float]
-    """(3,) [m] of its centre, in the frame."""
+    """(3,) [m] centre in the frame."""
     radius: float
-    """[m]"""
+    """Radius [m]."""
 
 
 def guarded_points(chain: SerialChain) -> tuple[GuardedPoint, ...]:
-    """Balls of which the whole arm is beside a plane where they are, the tool's first.
+    """Balls that represent the whole arm beside a plane: if they are clear of it, so is the arm; the tool's is first.
 
-    A plane's distance to a capsule is the smaller one of those to the balls at its ends, exactly. Frame origins and
-    the tool's are balls of no radius. Left out is a ball that no joint moves, and one that always lies in another.
+    The distance of a capsule from a plane is exactly the smaller distance of the balls at its ends. Frame origins and
+    the tool's origin are balls of radius zero. A ball that no joint moves, or that always lies inside another, is left
+    out.
     """
     origin = (0.0, 0.0, 0.0)
     balls = [GuardedPoint(frame, origin, 0.0) for frame in range(chain.n + 2)]

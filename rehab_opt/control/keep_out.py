@@ -1,4 +1,4 @@
-"""Where the arm must not be: capsules of chair and user, as limits now and on the way to where braking ends."""
+"""Keep-outs of the arm: capsules of chair and user, as limits now and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from rehab_opt.symbolic.tick import Stages
 __all__ = ["ALONG", "ArmKeepOuts"]
 
 ALONG = (0.25, 0.5, 0.75, 1.0)
-"""Places on the way to the stop posture where the keep-outs are looked at, besides its beginning."""
+"""Fractions of the way to the stop posture at which keep-outs are checked, besides its beginning."""
 MARGIN = 12e-3
-"""[m] The stop posture stays further from a keep-out by this than the posture now: links turn; rows are tangents."""
+"""[m] Extra distance from a keep-out at the stop posture, because links turn and rows are tangents."""
 FAST = 0.4
-"""[m] Way of a hand to the stop posture from which on that margin is whole, before in its square, as links turn."""
+"""[m] Motion of the hand to the stop posture from which the full margin applies; below it the margin grows with the
+square of the motion."""
 CLEAR = 5e-4
-"""[m] The arm stays clear of keep-outs by this, and by twice as much at the stop posture."""
+"""[m] Margin of the arm to keep-outs, doubled at the stop posture."""
 TINY = 1e-12
 TOUCHING = 1e-9
-"""[m] A distance that gives no direction."""
+"""[m] Distances below this give no direction."""
 
 
 class ArmKeepOuts:
     """Every distance h of a link from a keep-out is zero or more at the end of a tick, or no less than now.
 
-    `limits` are linear: at q, h falls no faster than what is left of it divided by T, and within the margin, where an
-    arm slides along, no faster than braking leaves of it while `CLEAR` is left; and at that of the places `ALONG` the
-    way to the stop posture where least is left, h is above a margin that grows on the way, to first order in the change
-    of u. `no_deeper` is of the true posture.
+    `limits` are linear. At q, h falls by at most h / T per second, and within the margin, where an arm slides along, no
+    faster than braking allows while `CLEAR` is left. At the place of `ALONG` with the least distance, h stays above a
+    margin that grows along the way, to first order in the change of u. `no_deeper` checks the exact posture.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ class ArmKeepOuts:
         self._gaps = ca.Function("gaps", [arm], [gaps], {"cse": True})
         self._opening = ca.Function("opening", [arm], [opening, gaps], {"cse": True})
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
-        """Joints of the arm, from 0, that move its links: not the last, where the hand lies on its axis."""
+        """Joints of the arm, from 0, that move its links; a last joint whose axis passes through the hand does not."""
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
-        """Limits [m/s] of this tick and of the way to the stop posture; the arm's clearance [m], negative inside.
+        """Limits [m/s] for this tick and the way to the stop posture; the arm's clearance [m], negative inside.
 
-        At joint values q (n,), after the command `last` (n,). Rows are worked out where a keep-out can matter.
+        At joint positions q (n,), after the command `last` (n,). Rows are computed only if a keep-out can matter.
         """
         n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
         if not count:
@@ -74,25 +74,25 @@ class ArmKeepOuts:
         return now, then.beyond(self.braking.slower(last)), clearance
 
     def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Whether a keep-out can matter at arm joints (4,) after speeds (4,) at most; the arm's clearance [m]."""
+        """Whether a keep-out can matter at arm joints (4,) after speeds up to (4,); the arm's clearance [m]."""
         clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(fastest + self.braking.change[CHAIR:])
         return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
 
     def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
-        """1 where no keep-out is as near as a tick of u (n,) reaches."""
+        """1 if every keep-out is further away than a tick of u (n,) can move."""
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
-        """1 where a tick of u (n,) leads the arm from its joints (4,) into no keep-out, nor deeper."""
+        """1 if a tick of u (n,) moves the arm from its joints (4,) into no keep-out, and no deeper."""
         return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Arm, last (k,) -> (2 c, k + 1) how c distances close with its joints, and the speeds [m/s] they may.
+        """Arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and their upper bounds [m/s].
 
-        First those of the posture now, negative within its margin; then, for each, of the place where least is left on
-        the way to rest, and beyond what braking takes of it.
+        First those of the current posture, negative within its margin; then, for each, those of the place with the
+        least distance on the way to rest, beyond the part that braking uses.
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time
@@ -121,7 +121,7 @@ class ArmKeepOuts:
         return ca.Function("keep_out_rows", inputs, [ca.densify(found)])
 
     def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
-        """[m] at a part of the way to the stop posture: what tangents promise too much in a tick, and `MARGIN`."""
+        """[m] margin at a fraction of the way to the stop posture: the error of tangents in a tick, and `MARGIN`."""
         swinging, time = self._swinging, self.braking.time
         change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
         speed = ca.sum1(ca.fabs(velocity[swinging]))
@@ -137,16 +137,17 @@ class ArmKeepOuts:
 
 
 def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(c, k) change of each link's distance from each keep-out with the arm's k joints [m/rad], and those (c,) [m].
+    """(c, k) derivative of each link's distance from each keep-out by the arm's k joints [m/rad], and the distances
+    (c,) [m].
 
-    The points nearest to each other move with their links; that they change does not matter to first order.
+    The closest points move with their links; their change does not matter to first order.
     """
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR
 
     def ends(of: LinkEnd) -> tuple[ca.SX, ca.SX]:
-        """(3,) [m] where it is, and (3, k) how the arm's joints move it."""
+        """(3,) [m] position, and (3, k) its derivative by the arm's joints."""
         point = of.place(frames)
         if not of.moves:
             return point, ca.SX(3, count)
@@ -167,7 +168,7 @@ def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
-    """Where on the segment from `begin` to `end` it is nearest to the capsule's, 0 to 1; and the way there (3,)."""
+    """Fraction, 0 to 1, of the segment from `begin` to `end` closest to the capsule's; the vector there (3,)."""
     start, other = ca.DM(capsule.start), ca.DM(capsule.end) - ca.DM(capsule.start)
     along, gap = end - begin, begin - start
     a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # of a link that is a ball any share will do

@@ -1,4 +1,4 @@
-"""Limits of a posture, and clearance: stated once, kept by the QP, the shortened step and the safe command."""
+"""Limits of a posture, and clearance: defined once, used by the QP, the shortened step and the fallback command."""
 
 from __future__ import annotations
 
@@ -23,40 +23,41 @@ __all__ = ["Limit", "PostureLimits", "all_limits", "checked_limits"]
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
-"""In a distance's unit, by which rounding may take it further below zero."""
+"""Allowed rounding below zero, in the distance's unit."""
 PARTS = (0.75, 0.5, 0.25)
-"""Of the way from braking to the QP's answer, and of braking itself, that are tried where those lead beyond a limit."""
+"""Fractions that are tried if a command passes a limit: of the way from braking to the QP's answer, and of braking
+itself."""
 NEAR = 1e-13
-"""[m] by which rounding may bring bodies nearer."""
+"""[m] Approach of bodies that counts as rounding."""
 PASSES = 2
-"""Over all limits, in which a velocity is looked for that keeps them."""
+"""Passes over all limits in the search for a velocity that satisfies them."""
 START = 0.1
-"""Fraction of the largest speeds that a joint may reach in a tick and still be met by the margin, however fast it
-gets."""
+"""Fraction of the largest speed that a joint may reach in one tick and that the margin still covers, for any
+acceleration."""
 FLAT = 0.05
-"""[m/rad] Slope of a distance between bodies below which the way back from within the margin becomes slower."""
+"""[m/rad] Slope of a distance between bodies below which the return from within the margin slows down."""
 SLACK = 1e-5
-"""[m] More than the margin at which bodies touch: what distances of bodies that lie along each other bend by."""
+"""[m] Extra margin for bodies that lie along each other, whose distances curve."""
 ROWS = 3
-"""Distances of a limit that make rows: along an edge of two an arm slides into a corner."""
+"""Number of distances of a limit that make rows: along an edge of two, an arm slides into a corner."""
 MATTERS = 0.05
-"""Of a slope's largest entry: a joint below it takes no part in keeping a limit."""
+"""Fraction of a slope's largest entry; a joint below it does not help to satisfy the limit."""
 TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """What a posture has to keep: every distance h(q) at zero or above, at the end of every tick.
+    """A limit of the posture: every distance h(q) is zero or above at the end of every tick.
 
-    h(q) >= 0, met as the barrier  grad h . q' >= -rate h;  `Relaxed.POSITION` says that h(q) is below zero
+    h(q) >= 0, through the barrier grad h . q' >= -rate h;  `Relaxed.POSITION` reports that h(q) is below zero
 
     Parameters
     ----------
-    distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. Smooth where they
-        are small; three of several make rows of the QP, those with the least room at the rate, all are judged at the
-        end of the tick. Where they, or near zero their slopes, are no numbers, the robot stops at once.
-    rate : [1/s] at which a distance may decay; by default 1/T, T the longest of the joints' speeds over their
-        accelerations, so that all joints can brake together before it.
+    distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. They must be
+        smooth near zero. Up to three make rows of the QP, those closest to zero relative to their rate; all are checked
+        at the end of the tick. If a distance, or its slope near zero, is not a number, the robot stops at once.
+    rate : [1/s] largest decay rate of a distance; default 1/T with T the longest time in which a joint stops from its
+        largest speed, so that all joints can brake together before the limit.
     """
 
     distances: Callable[[SerialChain, ca.SX], ca.SX]
@@ -67,17 +68,18 @@ class Limit:
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
 
     def slopes(self, chain: SerialChain, q: ca.SX) -> ca.SX:
-        """(k, n) how they change with q (n,)."""
+        """(k, n) derivatives of the distances by q (n,)."""
         return ca.jacobian(self.at(chain, q), q)
 
     def count(self, chain: SerialChain) -> int:
-        """How many of the distances make a row of the QP."""
+        """Number of distances that make a row of the QP."""
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Distances at q (n,), how they change with q (k, n), and what of them `way` (n,) loses.
+        """Distances at q (n,), their slopes (k, n), and the curvature loss of each along `way` (n,).
 
-        Up to three, the least after so many `ways`. Lost is what a distance is below its tangent after one.
+        Up to three, with the smallest values after so many `ways`. The loss is the difference between a distance and
+        its tangent after one `way`.
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
@@ -88,7 +90,7 @@ class Limit:
 
 
 def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
-    """The k rows whose first number is least, in order."""
+    """The k rows with the smallest first number, in order."""
     kept: list[ca.SX] = []
     for each in ca.vertsplit(ca.densify(rows)):
         row = each
@@ -100,12 +102,12 @@ def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
-    """The limits, each tried on the chain.
+    """The limits, each evaluated once on the chain.
 
     Raises
     ------
-    ConfigurationError : no list of `Limit`, distances that are no expression of the joint positions, or one without a
-        slope, as a comparison, a rate that is not above zero.
+    ConfigurationError : not a list of `Limit`; distances that are no expression of the joint positions, or have no
+        slope (as a comparison); a rate that is not positive.
     """
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, Limit) for each in limits):
         raise ConfigurationError("limits", limits, "a list or tuple of Limit")
@@ -131,7 +133,7 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
 def all_limits(
     limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float
 ) -> PostureLimits:
-    """The limits of an arm, one `Clearance` among them or none.
+    """The limits of an arm, with at most one `Clearance`.
 
     Raises
     ------
@@ -151,15 +153,15 @@ def all_limits(
 class PostureLimits:
     """The limits of one arm in one tick.
 
-    A row is the tangent at the beginning of a tick, and the distance is checked at its end. So a margin is kept, about
-    the square of the joints' way in a tick, within which the row leads the arm away again. Limits come before
-    accelerations, also while braking, and after speeds and joint limits.
+    A row is the tangent at the beginning of a tick, and the distance is checked at its end. Rows keep a margin of about
+    the square of the joint motion in a tick; within the margin they move the arm away again. Limits take precedence
+    over accelerations, also while braking; speeds and joint limits take precedence over limits.
 
     Parameters
     ----------
-    limits : what `checked_limits` gives. chain : the arm. dt : tick [s].
-    clearance : its pairs, where there is a `Clearance`: each of its contacts makes a row, behind those of the limits.
-    recovery_speed : fraction of the joints' speeds at which the arm is led back to where a limit is kept.
+    limits : from `checked_limits`. chain : the arm. dt : tick [s].
+    clearance : its pairs, if there is a `Clearance`: each of its contacts makes a row, after those of the limits.
+    recovery_speed : largest speed of the return into a limit, as a fraction of the joints' speeds.
     """
 
     def __init__(
@@ -182,24 +184,24 @@ class PostureLimits:
         fractions = {rate: (1 - np.exp(-(1 / together if rate is None else rate) * dt)) / dt for rate in rates}
         self._fractions = ca.DM([fractions[rate] for rate in rates])
         self._ways = [1 / (fractions[each.rate] * dt) for each in self.limits]
-        """Ticks in which what falls at its rate is gone: what falls faster has its row before it is among the least."""
+        """Number of ticks in which a distance that falls at its rate reaches zero; a faster one has its row earlier."""
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
-        """How many rows they make."""
+        """Number of rows."""
         return self._fractions.numel()
 
     @property
     def moving_size(self) -> int:
-        """Numbers of those."""
+        """Number of values of the moving capsules."""
         return 0 if self.clearance is None else self.clearance.moving_size
 
     def capsule_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
-        """(k, 14) of what moves, by `moving_numbers`.
+        """(k, 14) moving capsules from `moving_numbers`.
 
         Raises
         ------
-        ConfigurationError : more than `moving` of them, none where it is above zero, no moving capsules.
+        ConfigurationError : more than `moving` capsules, none although `moving` is positive, or other objects.
         """
         if not self.moving:
             raise ConfigurationError(argument, bodies, "None, since no Clearance(moving=...) is among `limits`")
@@ -210,11 +212,11 @@ class PostureLimits:
 
     @property
     def contacts_size(self) -> int:
-        """Numbers of the column of `contacts`."""
+        """Number of values of `contacts`."""
         return 0 if self.clearance is None else self.clearance.size
 
     def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX, *, ticks: int = 1) -> ca.MX:
-        """Nearest contacts as one column, of positions and last velocity (n,), moving capsules; in half those ticks."""
+        """Nearest contacts as one column, for q and last velocity (n,) and moving capsules, after half of `ticks`."""
         return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, ticks * self.dt)
 
     def beside(
@@ -229,10 +231,10 @@ class PostureLimits:
         hard: tuple[ca.SX, ca.SX],
         gives_way: ca.SX,
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """R (m, n), r (m,) of R u <= r, and `base`, led within `ends` to where the rows are kept, see `rows`.
+        """R (m, n), r (m,) of R u <= r, and `base`, moved within `ends` so that it satisfies the rows, see `rows`.
 
-        Of velocities q' = turn u. What that leaves is led within `hard` to where no limit is passed in this tick. Where
-        `gives_way` is 0, nothing is led out of the way of what comes nearer by itself, nor out of a margin.
+        The velocities are q' = turn u. If limits are still passed in this tick, `base` is moved further, within `hard`.
+        If `gives_way` is 0, it does not give way to approaching bodies and does not leave a margin.
         """
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
@@ -250,17 +252,17 @@ class PostureLimits:
         seconds: Sequence[float],
         change: ca.DM,
     ) -> tuple[ca.SX, ca.SX]:
-        """R (m, n), r (m,) of R u <= r that keep the limits on the way that u leads, to first order about `last` (n,).
+        """R (m, n), r (m,) of R u <= r for the limits on the way of u, to first order about `last` (n,).
 
-        Of a steady u none forbids rest, which keeps what is kept.
+        If u is steady, none of them forbids rest where rest satisfies the limits.
 
         Parameters
         ----------
-        bodies : what `bodies_on_the_way` gives of these.
-        way : q (n,), u (n,), t -> (n,) where u leads in t [s].
-        seconds : the times that are looked at, above zero, evenly; each makes rows of its own. Between two a distance
-            may be less, by an eighth of how a parabola through three bends.
-        change : (n,) of u in a tick at most: what tangents promise too much for that is kept as a margin.
+        bodies : output of `bodies_on_the_way`.
+        way : q (n,), u (n,), t -> (n,) joint positions after t [s] of u.
+        seconds : the checked times, positive and equally spaced; each makes its own rows. Between two times a distance
+            may be smaller, by an eighth of the curvature of a parabola through three of them.
+        change : (n,) largest change of u in a tick; the error of the tangents for it is kept as a margin.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
@@ -277,9 +279,10 @@ class PostureLimits:
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM
     ) -> ca.Function:
-        """Q, u (n,), moving capsules -> (slots, 1 + n) what is left before bodies, where those are now, and slopes.
+        """q, u (n,), moving capsules -> (slots, 1 + n) remaining distances to bodies at their current positions, and
+        slopes.
 
-        Of contacts at rest on the way, see `on_the_way`, those where least is left.
+        They are the contacts with the least distance on the way, at rest, see `on_the_way`.
         """
         assert self.clearance is not None
         n, k = self.chain.n, self.clearance.max_contacts
@@ -297,10 +300,10 @@ class PostureLimits:
         return ca.Function("bodies_on_the_way", inputs, [every[least(every.size1(), k)(every[:, 0]), :]])
 
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
-        """(n,) `velocity`, led across where it would come nearer to a body than the margin; acceleration yields.
+        """(n,) `velocity`, corrected if it would come nearer to a body than the margin; acceleration yields.
 
-        The contacts are those at the end of the tick, `contacts` of twice its time: Newton's step, without what the
-        rows' tangents, from the last velocity's way, leave out.
+        The contacts are those at the end of the tick (`contacts` with twice its time): a Newton step, without the error
+        of the rows' tangents, which follow the last velocity.
         """
         assert self.clearance is not None
         distances, slopes, changes = self.clearance.read(contacts)
@@ -308,13 +311,13 @@ class PostureLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """As `first_kept`, of `judged`."""
+        """`first_kept` for `judged`."""
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """Q, moving capsules, unconstrained, braking -> the first velocity (n,) for which `judged` gives 1.
+        """q, moving capsules, unconstrained, braking -> the first velocity (n,) for which `judged` gives 1.
 
-        Of `unconstrained`, parts of the way there from `braking`, and parts of that, in this order.
+        It tries `unconstrained`, then blends with `braking`, then fractions of that, in this order.
         """
         n = self.chain.n
         q, told = ca.MX.sym("q", n), ca.MX.sym("moving", judged.numel_in(1))
@@ -331,7 +334,7 @@ class PostureLimits:
 
     @cached_property
     def judged(self) -> ca.Function:
-        """Q, moving capsules, velocity -> 1 where that leads no distance below zero, nor below what rest would.
+        """q, moving capsules, velocity -> 1 if no distance falls below zero, or below its value at rest.
 
         NaN fails.
         """
@@ -339,7 +342,7 @@ class PostureLimits:
 
     @cached_property
     def all_clear(self) -> ca.Function:
-        """The same, but that no bodies may be nearer than their margin, what comes by itself neither."""
+        """The same, but no body may be nearer than its margin, even by its own motion."""
         q, told, velocity = self._tick_symbols()
         assert self.clearance is not None
         ends = self.clearance.distances(q + velocity * self.dt, told, self.dt)
@@ -356,20 +359,20 @@ class PostureLimits:
         return ca.Function("judged", inputs, [verdict])
 
     def _tick_symbols(self) -> list[ca.MX]:
-        """Q, moving capsules, velocity."""
+        """q, moving capsules, velocity."""
         n = self.chain.n
         return [ca.MX.sym("q", n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("velocity", n)]
 
     @cached_property
     def _none_below(self) -> ca.Function:
-        """Distances -> 1 where all are zero or more."""
+        """Distances -> 1 if all are zero or more."""
         assert self.clearance is not None
         then = ca.SX.sym("then", len(self.clearance.names))
         return ca.Function("clear", [then], [all_true(then >= 0)])
 
     @cached_property
     def clear(self) -> ca.Function:
-        """`judged` of bodies alone."""
+        """`judged` for bodies alone."""
         (q, told, velocity), verdict = self._tick_symbols(), ca.MX(1)
         if self.clearance is not None:
             then, distances = ca.SX.sym("then", len(self.clearance.names)), self.clearance.distances
@@ -383,7 +386,7 @@ class PostureLimits:
         return ca.Function("among_bodies", [q, told, velocity], [verdict])
 
     def kept(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """1 where a velocity leads no `Limit` below zero, nor further below; NaN fails."""
+        """1 if a velocity moves no `Limit` below zero, or further below; NaN fails."""
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
@@ -391,17 +394,17 @@ class PostureLimits:
         return all_true(*conditions)
 
     def beyond(self, q: ca.SX) -> ca.SX:
-        """1 where a distance of a `Limit` is below zero."""
+        """1 if a distance of a `Limit` is below zero."""
         return ca.mmin(ca.vertcat(0, *(each.at(self.chain, q) for each in self.limits))) < -OUTSIDE
 
     def inside(self, contacts: ca.SX) -> ca.SX:
-        """1 where two bodies are nearer than their margin."""
+        """1 if two bodies are nearer than their margin."""
         return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, how fast they may fall, and may not but in this tick (m,).
+        """Slopes (m, n) of the least distances, their largest allowed decrease per second, and for this tick only (m,).
 
-        What is beyond a limit has to rise.
+        A distance below zero must increase.
         """
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
@@ -417,7 +420,7 @@ class PostureLimits:
     def _between_bodies(
         self, last: ca.SX, distances: ca.SX, slopes: ca.SX, changes: ca.SX
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The same of contacts, whose slopes are those of the middle of the tick, where the last velocity leads."""
+        """The same for contacts; their slopes are those at the middle of the tick, at the last velocity."""
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
         # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
@@ -426,10 +429,10 @@ class PostureLimits:
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, these (m,), and by how much their fall exceeds the tangents' (m,).
+        """Slopes (m, n) of the least distances, these (m,), and the largest error of their tangents (m,).
 
-        That is what the last velocity would lose against them in a tick, and a margin for what a change of it may lose;
-        what lacks of that is regained in a tick: an arm at a limit is free to begin to move along it.
+        It is the error for the last velocity in a tick, plus a margin for a change of it. A missing margin is regained
+        within a tick, so that an arm at a limit can start to move along it.
         """
         seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
@@ -441,7 +444,7 @@ class PostureLimits:
 
 
 def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:
-    """(m, 1 + n) what is left of distances after t that change with u (n,), less a margin, and the slopes; over t."""
+    """(m, 1 + n) distances left after t, over t, and their slopes; they change with u (n,), less a margin."""
     largest, slopes = ca.mmax(change), changes / t
     begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
     return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)
@@ -450,10 +453,10 @@ def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -
 def kept_within(
     now: tuple[ca.SX, ca.SX, ca.SX], rest: ca.SX, ends: tuple[ca.SX, ca.SX], outer: tuple[ca.SX, ca.SX]
 ) -> ca.SX:
-    """(n,) `rest`, moved limit by limit towards the end of an interval that keeps it, as far as it asks.
+    """(n,) `rest`, moved limit by limit towards the end of an interval that satisfies the limit, as far as needed.
 
-    What still leads below zero in this tick is taken away across that limit, within the `outer` ends that never yield,
-    and if that is not enough, of all joints alike: only there acceleration yields.
+    Motion that still passes zero in this tick is removed along that limit's slope, within the `outer` ends that never
+    yield. If that is not enough, all joints are slowed alike; only there acceleration yields.
     """
     (lower, upper), (slopes, free, hard) = ends, now
     u = rest
@@ -469,7 +472,7 @@ def kept_within(
 
 
 def _led_across(velocity: ca.SX, slopes: ca.SX, hard: ca.SX, outer: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """(n,) `velocity`, led across each limit that it would pass in this tick, within the `outer` ends."""
+    """(n,) `velocity`, corrected along the slope of each limit that it passes in this tick, within the `outer` ends."""
     u = velocity
     for i in list(range(slopes.size1())) * PASSES:
         slope = slopes[i, :].T

@@ -1,7 +1,7 @@
 """Mirror therapy: joint velocities of an arm that leads a hand along the other hand's mirrored path.
 
-The equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand: this is a reconstruction of what it
-describes, a manipulability floor under a path that otherwise keeps to the reference, as a QP instead of a search.
+The paper (Xu, Guo, Zhang 2021) is available to us without its equations. This is a reconstruction of its description: a
+manipulability floor for a path that otherwise follows the reference, as a QP instead of a search.
 """
 
 from __future__ import annotations
@@ -48,54 +48,54 @@ NOT_TAKEN = {
     "task_weights": "turn_length instead",
     "jerk": "None with MirrorTracker, which has bounds that come before a drive's",
 }
-"""Arguments of a `PoseTracker` that have no place here, and what to do."""
+"""Arguments of `PoseTracker` that are refused here, with the alternative."""
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _SOLVERS = {float(i): Relaxed(i) for i in range(8)}, {float(i): name for i, name in enumerate(FUSED_SOLVERS)}
 _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 
 
 class MirrorTracker(MirrorPreview):
-    """Joint velocities for a hand that is led along a mirrored path, kept out of singular postures.
+    """Joint velocities for a hand that follows a mirrored path, away from singular postures.
 
-    `PoseTracker`'s tick on a reference that is read by a clock, with w(q) / w_max >= floor and the planes among its
-    limits: they are kept in every tick and by the braking behind it.
+    The tick is `PoseTracker`'s, with a reference that is read by a clock, and with w(q) / w_max >= floor and the planes
+    among its limits. These hold in every tick and in the braking after it.
 
-    The clock slows down where the reference is faster than the hand may be, where the deviation grows and where the
-    person pushes, waits at the largest deviation, and catches up afterwards; what was slowed is late, not cut. What
-    arrives with a safe command (a fault, a push at the limit) is not taken: that stretch is lost, and counts in `lag`
-    until the clock has passed it. A stretch that the arm cannot do is followed as near as the hand comes from where it
-    is: once it stands short of the reference, or the clock has waited for a second longer than it went on, deviations
-    count from there on (`short`), and the clock goes on. Jumps of the reference are bridged, at half the hand speeds;
-    the first bridge starts at the hand. A live tracker's samples go through a `Conditioner` first: to this a lone
-    outlier is a jump there and back.
+    The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. It
+    waits at the largest deviation and catches up afterwards: slowed motion is late, not cut. Samples that arrive during
+    a fallback command (a fault, a push at the limit) are skipped; they count in `lag` until the clock has passed their
+    time. If the arm cannot do a stretch, the hand follows it at the nearest pose that it reaches from its posture. Once
+    the hand stands short of the reference, or the clock has waited for a second longer than it has run, deviations are
+    counted from there (`short`), and the clock runs on. Jumps of the reference are bridged at half the hand speeds; the
+    first bridge starts at the hand. Samples of a live tracker must first pass a `Conditioner`; without it a single
+    outlier counts as a jump there and back.
 
     Parameters
     ----------
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
         chain.
-    max_deviation : [m] of the tool from the reference that the clock waits for.
-    max_turn : [rad] of the tool from it, likewise.
+    max_deviation : [m] distance of the tool from the reference at which the clock waits.
+    max_turn : [rad] rotation of the tool from the reference at which the clock waits.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
-    keep_out : planes, by `KeepOut.through(point, normal)`, beyond which at the end of no tick there is a link's capsule
-        (`SerialChain.capsules`: the UR5's whole body), the origin of a frame, or the tool's. Without capsules nothing
-        is known of the links between those origins. What no joint moves, the led hand and what is mounted on the flange
-        are not guarded, unless a capsule stands for them.
-    limits : what else the posture has to keep, each a `Limit` or a `Clearance`.
-    person : the arm that is led, in the robot's base frame; the reference is limited to its range of motion
-        (`PersonLimit`). grip : (4, 4) pose of the tool in its hand frame.
-    person_start : (m,) [rad] posture of that arm from which its model finds to the first pose; the model is local, so
-        that another one may come to more. Default the middle of its range of motion.
-    interaction : how the hand gives way to measured forces, and where they stop it; default `Interaction()`.
-    catch_up : share by which the clock may run fast to make up for a lag.
-    turn_length : [m/rad] what a turn of the hand counts for against its place where both cannot be had.
-    max_manipulability : w_max where it is known; searched for by default, which takes half a second.
-    gain, posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
+    keep_out : planes from `KeepOut.through(point, normal)`. At the end of a tick no capsule of a link
+        (`SerialChain.capsules`: the UR5's whole body), no frame origin and no tool origin is beyond a plane. Links
+        without capsules are guarded at their frame origins only. Parts that no joint moves, the led hand, and
+        attachments to the flange are not guarded, unless a capsule covers them.
+    limits : further limits of the posture, each a `Limit` or a `Clearance`.
+    person : the led arm, in the robot's base frame; the reference is limited to its range of motion (`PersonLimit`).
+        grip : (4, 4) pose of the tool in its hand frame.
+    person_start : (m,) [rad] posture at which the model of that arm starts; the model is local, so another start may
+        reach more poses. Default: the middle of its range of motion.
+    interaction : response of the hand to measured forces; default `Interaction()`.
+    catch_up : fraction by which the clock may run fast to make up for a lag.
+    turn_length : [m/rad] weight of a rotation of the hand relative to its position, if both cannot be reached.
+    max_manipulability : w_max, if known; by default it is searched for, in half a second. gain, posture, lower, upper,
+        velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
         compile : as for `PoseTracker`.
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     name: ClassVar[str] = "mirror_tracker"
@@ -178,7 +178,7 @@ class MirrorTracker(MirrorPreview):
             max_turn=max_turn, catch_up=catch_up,
         )  # fmt: skip
         self.parts = parts = mirror_tick(self, self.pace, self._interaction, person=person is not None)
-        """What a tick with the clock is made of."""
+        """The functions of a tick with the clock."""
         (parameters, state, given), verdict = self._function.inputs, self._function.outputs[1]
 
         def shared(function: ca.Function, third: Array, compile: Compile) -> BufferedFunction:
@@ -192,15 +192,15 @@ class MirrorTracker(MirrorPreview):
         self.clock = ReferenceClock(
             dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
         )
-        """Where the reference is read."""
+        """The clock of the reference."""
         self._reading = BufferedFunction(self.pace.followed_function())
         self.counts: Counter[str] = Counter()
-        """How many ticks relaxed acceleration, were slowed, waited, braked, and how often the hand was cut short."""
+        """Number of ticks that relaxed acceleration, were slowed, waited or braked, and of stretches that were cut."""
         self._begin()
 
     # ------------------------------------------------------------------------------------------------ the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
-        """Forget the past; `velocity` (n,) is what the joints do now [rad/s or m/s], rest by default."""
+        """Reset the state; `velocity` (n,) is the joints' current velocity [rad/s or m/s], by default rest."""
         super().reset(velocity)
         self._claim()
         if hasattr(self, "clock"):
@@ -209,44 +209,44 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def reference(self) -> Array:
-        """(4, 4) the pose that the clock stands at, before the person's range of motion and forces are considered."""
+        """(4, 4) reference pose at the clock, before the person's range of motion and forces are considered."""
         return self._read()[FOLLOWED.places["reference"]].reshape(4, 4)
 
     def _read(self) -> Array:
-        """`FOLLOWED` but for its counts, which are in `counts`."""
+        """`FOLLOWED` without its counts, which are in `counts`."""
         accepted = np.hstack([each.reshape(-1) for each in self._accepted()]) if self._live else np.zeros(22)
         clock = self.clock
         return self._reading.of(clock.window.T, clock.now, self._live, accepted, self._memory).copy()
 
     @property
     def time_scale(self) -> float:
-        """Seconds of the reference, or of a bridge, followed in a second, about."""
+        """Seconds of the reference, or of a bridge, followed per second, approximately."""
         return float(self._memory[RATE])
 
     @property
     def lag(self) -> float:
-        """[s] by which the reference that is followed is older than the newest, taken or not.
+        """[s] age of the followed reference relative to the newest sample, skipped ones included.
 
-        While bridges are ahead, no less than what the clock needs to the newest.
+        During a bridge, at least the time that the clock needs to the newest sample.
         """
         return float(self._read()[FOLLOWED["lag"]])
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] by which the person's arm and the robot, from where they stand, stay short of the reference.
+        """[m, rad] least deviation from the reference that the person's arm and the robot reach from their postures.
 
-        Deviations count from there on.
+        Deviations are counted from there.
         """
         return (0.0, 0.0) if self._live else self._short_by
 
     @property
     def beyond_person(self) -> tuple[float, float]:
-        """[m, rad] of `short` that are the person's arm's: the model of it does not come to the reference."""
+        """[m, rad] part of `short` due to the person's arm: its model does not reach the reference."""
         return (0.0, 0.0) if self._live else self._beyond_person
 
     @property
     def manipulability(self) -> float:
-        """W / w_max where the last command leads."""
+        """Ratio w / w_max at the end of the last command."""
         return float(self._memory[THEN])
 
     def step(
@@ -262,18 +262,18 @@ class MirrorTracker(MirrorPreview):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
-        Never raises on numbers: what is not usable gives the safe command, decelerating within the limits, and its
-        reason; the clock waits meanwhile. Numpy arrays take the quick way, lists cost several times as much.
+        Numbers never raise: an invalid state gives the fallback command, a deceleration within the limits, with a
+        reason; the clock waits meanwhile. Numpy arrays are fast; lists take several times as long.
 
         Parameters
         ----------
-        q : (n,) joint positions now [rad, m].
-        pose : (4, 4) the mirrored pose of the tool now, in the base frame.
-        twist : (6,) how that moves, linear [m/s] first, then angular [rad/s], in the base frame.
-        obstacles : what moves, as for `PoseTracker.step`.
-        force : (3,) [N] that the person exerts on the tool, in the base frame, where it is measured. None is no push,
-            also while one keeps the arm at rest: a sample that is lost must be told as NaN, which stops the arm.
-        enable : the dead-man input; anything but true decelerates to rest.
+        q : (n,) measured joint positions [rad, m].
+        pose : (4, 4) current mirrored pose of the tool in the base frame.
+        twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
+        obstacles : moving bodies, as for `PoseTracker.step`.
+        force : (3,) [N] measured force of the person on the tool, in the base frame. None counts as no push, even while
+            a push keeps the arm at rest: pass a lost sample as NaN, which stops the arm.
+        enable : dead man's switch; anything but True decelerates to rest.
         stamp : time of the state [s]; checked by the watchdog when given.
 
         Raises
@@ -303,21 +303,21 @@ class MirrorTracker(MirrorPreview):
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
-        """The whole motion along a recording, with every guarantee of `step` and the future known.
+        """Plan the whole motion along a recording, with every guarantee of `step` and a known future.
 
-        The clock slows down ahead of what is too fast, and knows at once where a stretch it must leave out ends. Ruckig
+        The clock slows down before a fast part, and knows in advance where a stretch that must be skipped ends. Ruckig
         then times the joint path within the same bounds (`retimed`).
 
         Parameters
         ----------
-        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and how they move, `dt` apart; samples that `step`
+        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and their twists, `dt` apart; samples that `step`
             would refuse, such as NaN, are bridged.
         q : (n,) joint positions at the start, at rest.
 
         Raises
         ------
-        ConfigurationError : wrong shapes, nothing usable, all of it ten times farther than the arm reaches; a tracker
-            that is told of bodies that move, since where they will be is not known.
+        ConfigurationError : wrong shapes, no valid sample, all samples more than ten times the arm's reach away, or a
+            tracker with moving bodies, whose future positions are unknown.
         """
         if self.limits.moving:
             expected = "a Clearance without moving capsules: where they will be is not known"

@@ -1,4 +1,4 @@
-"""Tick of a mirrored hand: which pose of the reference is tracked, and at what pace of its clock."""
+"""Tick of a mirrored hand: selects the pose of the reference to track, and the clock's pace."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ __all__ = ["BRIDGE", "MirrorFollowing"]
 Array = NDArray[np.float64]
 
 SETTLING_TICKS = 3
-"""Of the model of the led arm while it finds its posture, in each tick: more would not fit into a quick one."""
+"""Ticks of the led arm's model per tick while it converges to its posture; more would take too long."""
 BRIDGE = 0.5
-"""Share of the hand speeds at which a jump is bridged."""
+"""Fraction of the hand speeds at which a jump is bridged."""
 THEN, LIVE = REMEMBERED["then"], REMEMBERED["live"]
 TARGET, MOTION = TRIED.places["target"], TRIED.places["motion"]
 RATE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "apart", "aside"))
 
 
 class MirrorFollowing(MirrorStatement):
-    """The tick of `MirrorTracker` wherever something is unusual: late, pushed, led by a range of motion, or faulty."""
+    """The tick of `MirrorTracker` if something is unusual: a lag, a push, a limited range of motion, or a fault."""
 
     clock: ReferenceClock
     counts: Counter[str]
@@ -50,7 +50,7 @@ class MirrorFollowing(MirrorStatement):
     _deliver: BufferedFunction
     _brake: BufferedFunction
     _memory: Array
-    """`REMEMBERED`, also as `_remembered`; parts of it are what forces led to and what the hand is held near."""
+    """`REMEMBERED`, also as `_remembered`; some of its parts are views of the force state and the held pose."""
     _remembered: memoryview[Any]
     _felt: Array
     _held: Array
@@ -69,14 +69,14 @@ class MirrorFollowing(MirrorStatement):
         self._given[GIVEN["judged"]] = 1.0  # but in `step`, where a state is measured
 
     def beginning_of_memory(self) -> Array:
-        """`REMEMBERED` of a hand of which nothing is known."""
+        """`REMEMBERED` of a hand without history."""
         memory, at = np.zeros(REMEMBERED.size), REMEMBERED.places
         memory[at["held"]] = memory[at["aim"]] = memory[THEN] = math.nan
         memory[at["felt"]], memory[RATE] = self._interaction.start, 1.0
         return memory
 
     def _followed(self, force: ArrayLike | None) -> Command:
-        """One tick with the clock, on what stands in the parameters."""
+        """One tick with the clock, for the inputs that were set."""
         notice, clock = self._notice, self.clock
         *_, felt, measured, accepted, _ = notice.inputs
         felt[:], measured[:] = 0.0 if force is None else real_numbers("force", force, (3,)), force is not None
@@ -102,9 +102,9 @@ class MirrorFollowing(MirrorStatement):
         return self._tracked(here, hand)
 
     def _tracked(self, here: Array, hand: Array, *, previewed: bool = False) -> Command:
-        """One tick of following what the clock holds, at a pace that deviation and braking allow; see `MirrorPace`.
+        """One tick of following the clock, at a pace that deviation and braking allow; see `MirrorPace`.
 
-        With `previewed`, the clock makes up no lag. `here` (4, 4) is the tool's pose, `hand` (6,) its motion.
+        With `previewed`, the clock does not catch up. `here` (4, 4) is the tool's pose, `hand` (6,) its twist.
         """
         clock, limit, memory = self.clock, self._limit, self._memory
         at, samples, entries = clock.now, clock.window.T, here.reshape(-1)
@@ -142,7 +142,7 @@ class MirrorFollowing(MirrorStatement):
         return command
 
     def _stopped(self, why: Array) -> Command:
-        """The safe command, for the first three of `NOTICED`."""
+        """The fallback command, for the first three values of `NOTICED`."""
         self._live = False
         self._brake.inputs[3][:] = why
         self._brake.evaluate()
@@ -151,7 +151,7 @@ class MirrorFollowing(MirrorStatement):
         return self._as_told(told.data)
 
     def _count(self) -> None:
-        """Add to `counts` what this tick has counted."""
+        """Add this tick's counts to `counts`."""
         counted = self._memory[REMEMBERED.places["counted"]]
         for name, times in zip(COUNTED.places, counted.tolist(), strict=True):
             if times:
@@ -175,7 +175,7 @@ class MirrorFollowing(MirrorStatement):
         return "; ".join(each for name, each in words.items() if notes & NOTE[name])
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
-        """What is said of a reason; `where` counts the arguments of `step`, obstacles and force behind the others."""
+        """Text of a reason; `where` numbers the arguments of `step`, with obstacles and force last."""
         if reason == NUMBER["FORCE_AT_LIMIT"]:
             return self._interaction.too_large(self._felt)
         if reason == NUMBER["INPUT_INVALID"] and where == 3 + (self.limits.moving_size > 0):

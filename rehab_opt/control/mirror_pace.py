@@ -1,4 +1,4 @@
-"""Reference of a mirrored hand in one tick: its pace, its pose, and the distance by which the hand stays short of it.
+"""Reference of a mirrored hand in one tick: its pace, its pose, and the distance by which the hand falls short of it.
 
 Functions of the queued samples, the memory and the hand, evaluated in Python and exported to C.
 """
@@ -22,47 +22,47 @@ __all__ = [
 ]  # fmt: skip
 
 WAITS = 0.9
-"""Share of the largest deviation from which the clock waits."""
+"""Fraction of the largest deviation at which the clock waits."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
-"""[s] in which the clock regains its pace, and in which it makes up for its lag."""
+"""[s] Time in which the clock regains its pace, and in which it makes up for its lag."""
 RUSH = 4.0
-"""Share by which the clock may run fast while the reference rests: to let that time pass leads no further away."""
+"""Fraction by which the clock may run fast while the reference rests, since this moves nothing."""
 AT_LEAST = 0.02
-"""Share by which the clock runs fast while it is late at all: so that it does catch up."""
+"""Least fraction by which a late clock runs fast, so that it does catch up."""
 STILL = 0.01, 0.1
-"""[m/s, rad/s] A reference up to these rests."""
+"""[m/s, rad/s] A slower reference counts as at rest."""
 STANDS = 0.005, 0.05
-"""[m/s, rad/s] A hand up to these stands."""
+"""[m/s, rad/s] A slower hand counts as at rest."""
 SHORT = 0.001, 0.01
-"""[m, rad] from which a hand counts as short of its reference."""
+"""[m, rad] A hand further from its reference counts as short of it."""
 STUCK = 0.1
-"""[s] for which it must have stood while the clock is slowed, before it counts as nearest."""
+"""[s] Time at rest, with a slowed clock, after which a hand counts as at its nearest pose."""
 PATIENCE = 1.0
-"""[s] for which the clock waits longer than it goes on, at most, for a hand that does not come to rest either."""
+"""[s] Largest excess of the clock's waiting over its running time, for a hand that does not come to rest either."""
 WAITED = 0.02
-"""Pace up to which the clock stands."""
+"""Pace below which the clock counts as waiting."""
 
 PACE = Record(rate=1, waited=1, stood=1, apart=1, aside=1)
-"""Seconds of the reference in one, [s] that the clock waited and that the hand stood, and [m, rad] that it then was
-apart from the reference: the nearest that it comes, seen from where it is. Deviations count from there on, so that a
-stretch out of reach is followed along its edge and none of it is left out. They shrink as the hand comes nearer."""
+"""Seconds of the reference per second; [s] time that the clock waited and that the hand stood; [m, rad] distance of the
+hand from the reference at that time, the least that it reaches from its posture. Deviations are counted from there, so
+that a stretch out of reach is followed along its edge and no part of it is skipped. They shrink as the hand comes
+nearer."""
 TRIED = Record(pose=16, twist=6, seconds=1, goal=12, target=16, motion=6)
-"""What is followed: pose, twist at the clock's pace, [s] that it goes on by; pose of what the hand is led to now, which
-may be what the person's arm can do of the reference; pose and twist for the hand, which a model of that arm may
-change."""
+"""The followed sample: pose, twist at the clock's pace, [s] advance of the clock; current target pose of the hand,
+which may be limited to the person's arm; pose and twist for the hand, which a model of that arm may change."""
 SAID = Record(passed=1, ahead=1, bridging=1, short=1, beyond=2)
-"""Samples passed and those still ahead, whether it bridges a jump, and the hand is short; [m, rad] by which the
-person's arm stays short of what is followed."""
+"""Number of samples passed and ahead, whether a jump is bridged, whether the hand is short; [m, rad] deviation of the
+person's arm from the reference."""
 AIMED = Record(pose=16, twist=6)
-"""Of the QP."""
+"""Target of the QP."""
 COUNTED = Record(acceleration=1, slowed=1, waited=1, braked=1, cut=1)
-"""How many ticks relaxed acceleration, were slowed, waited, braked, and how often the hand was cut short."""
+"""Number of ticks that relaxed acceleration, were slowed, waited or braked, and of stretches that were cut."""
 REMEMBERED = Record(pace=PACE.size, held=3, felt=FELT.size, aim=16, then=1, live=1, counted=COUNTED.size)
-"""What a tracker remembers besides its QP's state and clock. Behind pace, the place that the hand is led to [m], NaN
-where nothing is known of one, and forces: what the person's arm can do of the reference, likewise; w / w_max where the
-last command leads; whether the next tick needs no clock; and counts."""
+"""Memory of a tracker besides its QP's state and clock. After the pace: target position of the hand [m] (NaN if
+unknown) and forces; pose of the person's arm (NaN if unknown); w / w_max at the end of the last command; whether the
+next tick needs no clock; and counts."""
 FOLLOWED = Record(reference=16, time_scale=1, lag=1, manipulability=1, counted=COUNTED.size)
-"""How a reference is followed: see the properties of `MirrorTracker`; and counts."""
+"""State of following a reference, see the properties of `MirrorTracker`; and counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,18 +78,16 @@ class MirrorPace:
 
     @property
     def window(self) -> int:
-        """Samples from the one at hand on that a tick may come to: of a tick each, or a bridge and one of no time."""
+        """Number of samples, from the current one, that a tick may use: one per tick, or a bridge and one more."""
         return 2 * math.ceil(1.0 + max(RUSH, self.catch_up)) + 2
 
     @property
     def clock(self) -> ClockStatement:
-        """What the clock does."""
+        """The clock's functions."""
         return ClockStatement(self.dt, window=self.window)
 
     def followed_function(self) -> ca.Function:
-        """Samples, `CLOCK`, whether the tick needs no clock, pose and twist of the last such tick, `REMEMBERED` ->
-        `FOLLOWED`.
-        """
+        """Samples, `CLOCK`, whether no clock is needed, last such pose and twist, `REMEMBERED` -> `FOLLOWED`."""
         sizes = {"clock": CLOCK.size, "live": 1, "accepted": 22, "memory": REMEMBERED.size}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
         clock, live, accepted, memory = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
@@ -104,7 +102,7 @@ class MirrorPace:
     def tried_function(self) -> ca.Function:
         """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,) -> `PACE`, `TRIED`.
 
-        The others are whether the clock makes up for a lag, and the most that what follows allows.
+        The others are whether the clock may catch up, and the largest pace that later samples allow.
         """
         sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
@@ -117,10 +115,11 @@ class MirrorPace:
         return ca.Function("tried", [samples, *given], [ca.vertcat(rate, near[1:]), tried])
 
     def concluded_function(self, *, person: bool) -> ca.Function:
-        """Samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, `REMEMBERED` -> that, `SAID`, `CLOCK`, `AIMED`.
+        """Samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, `REMEMBERED` -> `REMEMBERED`, `SAID`, `CLOCK`,
+        `AIMED`.
 
-        The clock goes on by the seconds of what was tried. The target is what a `person`'s arm does of it; forces
-        displace it. The hand is then held near it, from there towards the hand by what it stays short of at best.
+        The clock advances by the seconds of `TRIED`. The target is limited to a `person`'s arm, and displaced by
+        forces. The target is then moved towards the hand by its least deviation (`short`).
         """
         samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
         here, hand = others = [ca.SX.sym("given", size) for size in (16, 6)]
@@ -148,7 +147,7 @@ class MirrorPace:
 
     # ---------------------------------------------------------------------------------------------------- its parts
     def _rated(self) -> ca.Function:
-        """Sample at hand, the next, and the inputs of `tried` -> `PACE`, rate, goal (12,)."""
+        """Current sample, the next, and the inputs of `tried` -> `PACE`, rate, goal (12,)."""
         a, b, clock, pace = (each.symbols("s") for each in (SAMPLE, SAMPLE, CLOCK, PACE))
         others, here, aim = ca.SX.sym("others", 3), ca.SX.sym("here", 16), ca.SX.sym("aim", 16)
         pose, twist = self.clock.between(a, b, ca.if_else(clock.ahead <= 0, 0, clock.fraction))
@@ -166,7 +165,7 @@ class MirrorPace:
     def _rate(  # noqa: PLR0917
         self, pace: Values, lag: ca.SX, still: ca.SX, others: ca.SX, here: ca.SX, goal: ca.SX, twist: ca.SX
     ) -> ca.SX:
-        """Seconds of the reference to follow in a second."""
+        """Seconds of the reference to follow per second."""
         yielding, hurried, most = ca.vertsplit(others)
         late = lag - self.dt
         # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
@@ -185,7 +184,7 @@ class MirrorPace:
     def _waited(  # noqa: PLR0917
         self, pace: Values, current: ca.SX, yielding: ca.SX, hand: ca.SX, here: ca.SX, goal: ca.SX
     ) -> tuple[Values, ca.SX, ca.SX]:
-        """A hand that stands while the clock is slowed or late is as near as it comes; whether it waits, and cuts."""
+        """Detects a hand at its nearest pose (it stands, the clock is slowed or late); whether it waits, and cuts."""
         usual = ca.logic_or(ca.logic_and(pace.rate >= WHOLE, current), yielding < 1)
         waits = ca.logic_and(ca.logic_not(usual), pace.rate <= WAITED)
         # What was waited for before it went on is no reason to cut the hand short now.
@@ -205,11 +204,11 @@ class MirrorPace:
 
 
 def _short(pace: Values) -> ca.SX:
-    """Whether the hand follows at a distance, because it stood there."""
+    """Whether the hand follows at a distance, because it stopped there."""
     return ca.logic_or(pace.apart > SHORT[0], pace.aside > SHORT[1])
 
 
 def counted(memory: Values, **more: ca.SX) -> ca.SX:
-    """`COUNTED` of a `REMEMBERED`, with what this tick adds."""
+    """`COUNTED` of a `REMEMBERED`, with this tick added."""
     before = COUNTED.parts(memory.counted)
     return COUNTED.changed(before, **{name: getattr(before, name) + each for name, each in more.items()}).column

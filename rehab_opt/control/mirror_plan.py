@@ -1,4 +1,4 @@
-"""A whole mirrored motion at once: `MirrorTracker`'s guarantees, with the reference's future known."""
+"""A whole mirrored motion planned in advance, with `MirrorTracker`'s guarantees."""
 
 from __future__ import annotations
 
@@ -27,61 +27,61 @@ __all__ = ["MirrorPath", "plan"]
 Array = NDArray[np.float64]
 
 STANDING = 1e-4
-"""[rad/s or m/s] Joint speeds at which a motion has come to its end."""
+"""[rad/s or m/s] Joint speeds below which a motion has ended."""
 PATIENCE = 10.0
-"""[s] beyond the reference's own length, and as a multiple of that, after which a plan ends incomplete."""
+"""[s] beyond the reference's duration, and as a multiple of it, after which a plan ends incomplete."""
 SETTLING = 2.0
-"""[s] at most in which the hand finds to the last pose; then it is brought to rest where it is."""
+"""[s] Longest time for the approach to the last pose; then the hand is stopped."""
 ENDING = 10.0
-"""[s] at most in which a plan that ends incomplete comes to rest."""
+"""[s] Longest time for the stop of an incomplete plan."""
 
 
 class MirrorPath(NamedTuple):
     """M ticks of a planned motion."""
 
     times: Array
-    """(M,) [s] dt apart; at the beginning of each tick, like the positions."""
+    """(M,) [s] start of each tick, dt apart; positions hold at the same time."""
     q: Array
     """(M, n) joint positions [rad, m]."""
     velocities: Array
     """(M, n) joint velocities held during the tick [rad/s, m/s]."""
     poses: Array
-    """(M, 4, 4) of the tool."""
+    """(M, 4, 4) poses of the tool."""
     references: Array
-    """(M, 4, 4) the reference pose where the clock stands in the tick."""
+    """(M, 4, 4) reference pose at the clock in each tick."""
     clock: Array
-    """(M,) [s] of the reference's own time; over a jump it runs as the bridge takes."""
+    """(M,) [s] the clock, in the reference's time; during a bridge it runs with the bridge."""
     short: Array
-    """(M, 2) [m, rad] by which the arms stay short of the reference; see `MirrorTracker.short`."""
+    """(M, 2) [m, rad] least deviation from the reference; see `MirrorTracker.short`."""
     person: Array
-    """(M, 2) [m, rad] of that which are the person's arm's."""
+    """(M, 2) [m, rad] part of it due to the person's arm."""
     paces: Array
-    """(M,) seconds by which `clock` goes on in a second, in the tick that brings it there: 1 is the recording's own
-    pace; less where the bridge over a jump takes longer than the recording, 0 once the clock stands at its end."""
+    """(M,) advance of `clock` per second in the tick before: 1 is the recording's own pace; less during a bridge that
+    takes longer than the recording, 0 at the clock's end."""
     manipulability: Array
-    """(M,) w / w_max where the tick leads."""
+    """(M,) w / w_max at the end of the tick."""
     relaxed: list[Relaxed]
-    """What had to give way in each tick."""
+    """Bounds relaxed in each tick."""
     complete: bool
-    """Whether the reference's end was reached; where it was not, the motion ends early, and at rest too."""
+    """Whether the end of the reference was reached; otherwise the motion ends earlier, also at rest."""
     counts: Counter[str]
-    """See `MirrorTracker.counts`; `lost` samples, too."""
+    """See `MirrorTracker.counts`; also `lost` samples."""
     seconds: float
     """Computing time."""
 
     @property
     def deviations(self) -> Array:
-        """(M,) [m] from the reference."""
+        """(M,) [m] distance from the reference."""
         return np.asarray(np.linalg.norm(self.poses[:, :3, 3] - self.references[:, :3, 3], axis=1))
 
     @property
     def turns(self) -> Array:
-        """(M,) [rad] from the reference's orientation."""
+        """(M,) [rad] rotation from the reference's orientation."""
         return angles_between(self.poses[:, :3, :3], self.references[:, :3, :3])
 
     @property
     def delay(self) -> float:
-        """[s] by which the motion ends later than the reference."""
+        """[s] delay of the end of the motion relative to the reference."""
         return float(self.times[-1] - self.clock[-1]) if len(self.times) else 0.0
 
 
@@ -135,7 +135,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
 
 
 def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.intp]:
-    """Which samples `step` would not refuse."""
+    """The samples that `step` would not refuse."""
     numbers = np.hstack([poses.reshape(-1, 16), twists])
     valid = np.flatnonzero(np.linalg.norm(numbers, axis=1) <= MAX_MAGNITUDE)
     if len(valid):

@@ -24,9 +24,9 @@ __all__ = ["MirrorPreview"]
 Array = NDArray[np.float64]
 
 SPAN = 64, 128
-"""Ticks laid out at first, and at most: twice as many each time that all of them were taken."""
+"""First and largest number of ticks in a layout; it doubles each time that all of them were used."""
 REST = 32
-"""Ticks at most after something unusual until a layout is tried again: one at first, then twice as many."""
+"""Largest number of ticks after an unusual one until a new layout; it starts at one and doubles."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _TASK = tuple(Relaxed(i) for i in range(8)), int(Relaxed.TASK)
@@ -37,8 +37,8 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 class MirrorPreview(MirrorFollowing):
     """The tick of a plan, along the preview of its recording.
 
-    While nothing is unusual the clock follows the preview, and the tick is the fused function alone, with the
-    same verdict on residual and true bounds as in `MirrorTracker.step`. Everything else is `MirrorFollowing`'s.
+    While nothing is unusual the clock follows the preview, and a tick is the fused function alone, with the same check
+    of residual and true bounds as in `MirrorTracker.step`. All other ticks are those of `MirrorFollowing`.
     """
 
     def _begin(self) -> None:
@@ -49,7 +49,7 @@ class MirrorPreview(MirrorFollowing):
         self._origin = 0
 
     def preview(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
-        """Hand a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
+        """Pass a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
         self._claim()  # the ticks of a plan do not ask
         clock, here = self.clock, self.chain.pose(q)
         self._live = False
@@ -89,7 +89,7 @@ class MirrorPreview(MirrorFollowing):
         return self._stopped(np.array([NUMBER["NOT_ENABLED"], -1.0, -1.0]))._replace(reason="the plan ends here")
 
     def tools(self, path: list[Array]) -> Array:
-        """(M, 4, 4) poses of the tool, as `chain.pose` of each (n,), faster."""
+        """(M, 4, 4) poses of the tool, as `chain.pose` for each (n,), but faster."""
         q, pose = self._moving.inputs[0], self._moving.outputs[0].reshape(4, 4)
         found = np.empty((len(path), 4, 4))
         for i, each in enumerate(path):
@@ -100,7 +100,7 @@ class MirrorPreview(MirrorFollowing):
 
     # ------------------------------------------------------------------------------------------------ what is laid out
     def _lay_out(self) -> bool:
-        """Lay out the next ticks from where the clock stands, if they may be taken one after the other."""
+        """Lay out the next ticks from the clock's position, if they can be taken in sequence."""
         clock = self.clock
         plain = self._limit is None and not self._felt[FELT["active"]]
         if not plain or clock.bridging or self._solvers.solver != FUSED:
@@ -117,7 +117,7 @@ class MirrorPreview(MirrorFollowing):
         return bool(self._laid.paces)
 
     def _as_laid_out(self, q: Array) -> Command | None:
-        """The command of the next tick that is laid out, or None where something about it is unusual."""
+        """The command of the next tick in the layout, or None if something is unusual."""
         k, laid = self._next, self._laid
         verdict = self._verdict
         self._q[:] = q

@@ -1,8 +1,8 @@
-"""Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of a plan made tick by tick.
+"""Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of tick-by-tick planning.
 
-The reference's clock and the hand's way are two more axes: Ruckig times the passage (`ruckig_timing`) within joint
-speed and acceleration, the hand's speed, and a clock at most at the recording's pace. Its ticks are then checked as
-commands are; a passage that would break a bound is rejected.
+The reference's clock and the hand's path length are two more axes: Ruckig times the passage (`ruckig_timing`) within
+joint speed and acceleration, the hand's speed, and a clock at most at the recording's pace. Its ticks are then checked
+like commands; a passage that breaks a bound is rejected.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ __all__ = ["retimed"]
 Array = NDArray[np.float64]
 
 APART, OFTEN = 4e-3, 0.02
-"""[rad or m] Way of the joint that moves furthest, or [s] of the reference, from one point of the path to the next."""
+"""Spacing of the path's points: [rad or m] of the joint that moves furthest, or [s] of the reference."""
 PARTS = 4
-"""Cells of constant acceleration of the parameter, from one of these points to the next."""
+"""Number of cells of constant acceleration between two points."""
 NEVER = 0.9
-"""Of the time that a stretch takes at least: a passage is never as fast as this."""
+"""Fraction of the least time of a stretch; no passage is faster."""
 PART = 1.0 - 1e-6
-"""Of speeds and accelerations that are used: rounding must not decide."""
+"""Fraction of speeds and accelerations that is used, so that rounding does not matter."""
 SHARE = 0.998
-"""Of the largest hand speed that is used: between two points where it is asked for it may be a little larger."""
+"""Fraction of the largest hand speed that is used: between two checked points it may be slightly larger."""
 TRIES, SLOWER = 16, 0.7
-"""Passages that are tried, and what is left of the speed where the one before went straight and broke a bound."""
+"""Largest number of passages, and speed factor after a straight passage that broke a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
-"""From point to point, through every tick of the plan, or straight from one to the next, too."""
+"""Ways through the points: a smooth curve, a curve through every tick of the plan, or straight lines."""
 ABOUT = 20, 3
-"""Ticks before and after one that breaks a bound, where the next passage goes closely, and straight if it did."""
+"""Number of ticks before and after a broken bound where the next passage is close, then straight."""
 BROKEN, EXACT = 1e-9, 1e-12
-"""By which a passage may break a bound, and a joint limit."""
+"""Tolerances for a bound, and for a joint limit."""
 
 
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
-    """The plan timed by Ruckig, or as it is where no such passage keeps every bound.
+    """The plan timed by Ruckig, or the plan itself if no such passage satisfies every bound.
 
     Parameters
     ----------
-    left : (M,) [s] that the clock needs in each tick to the reference's end, bridges included.
+    left : (M,) [s] remaining time of the clock to the reference's end at each tick, bridges included.
     """
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
     if not plan.complete or any(each & Relaxed.ACCELERATION for each in set(plan.relaxed)) or way.sum() < APART:
@@ -81,10 +81,10 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Ruckig's passage, and which tick of the plan each of its ticks is of.
+    """Ruckig's passage, and the tick of the plan for each of its ticks.
 
-    About each of the plan's ticks it goes as `ways` (M,) says, at most at this share (M,) of the speeds. None where
-    there is none that is sooner than the plan.
+    Around each tick of the plan it uses the way in `ways` (M,), at most at the speed factor `slow` (M,). None if no
+    passage is faster than the plan.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -149,7 +149,7 @@ def _passed(
 def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
     """(M,) [m/s] The tool's largest speed in ticks from q at joint velocities (M, n).
 
-    An angular speed counts as the linear one that is the same fraction of its limit.
+    An angular speed counts as the linear speed that is the same fraction of its limit.
     """
     chain, dt = tracker.chain, tracker.dt
     at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)
@@ -162,20 +162,20 @@ def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
 
 
 def _passed_points(x: Array, fine: NDArray[np.bool_]) -> Array:
-    """(M,) how many points of the path the plan has gone through, at places (M, n + 2) `APART` of each other."""
+    """(M,) number of points of the path that the plan has passed, at positions (M, n + 2) spaced by `APART`."""
     moved = np.maximum(np.abs(np.diff(x[:, :-2], axis=0)).max(axis=1) / APART, np.diff(x[:, -2]) / OFTEN)
     return np.append(0.0, np.cumsum(np.where(fine[1:] & (moved > 0.01), 1.0, moved)))
 
 
 def _points(passed: Array) -> NDArray[np.int_]:
-    """Ticks whose places the path goes through: the first, the last, and those in between that come to another one."""
+    """Ticks that the path passes through: the first, the last, and those that begin a new point."""
     at = np.unique(np.searchsorted(passed, np.arange(math.ceil(passed[-1]))))
     last = int(np.searchsorted(passed, passed[-1]))
     return np.append(at[passed[at] < passed[last] - 0.5], last)
 
 
 def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDArray[np.bool_]:
-    """(M,) which ticks break what commands keep: the arm's bounds, or what its reference allows."""
+    """(M,) ticks that break a bound of commands: the arm's, or the reference's."""
     moving = np.zeros((tracker.limits.moving_size, len(found.q)))
     kept = np.array(tracker.limits.judged.map(len(found.q))(found.q.T, moving, found.velocities.T))[0] > 0.5
     kept &= _hand_speeds(tracker, found.q, found.velocities) <= tracker.linear_speed * (1 + BROKEN)

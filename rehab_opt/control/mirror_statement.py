@@ -1,4 +1,4 @@
-"""The QP of a mirrored hand: a `PoseTracker`'s with a floor and planes among its limits."""
+"""The QP of a mirrored hand: `PoseTracker`'s with a floor and planes among its limits."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from rehab_opt.kinematics.rigid import rotation_vector
 __all__ = ["CALM", "SPARE", "WHOLE", "MirrorStatement"]
 
 WHOLE = 0.999
-"""Pace from which the reference was not slowed."""
+"""Pace from which the reference counts as not slowed."""
 CALM = 0.45
 """Fraction of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
-"""Fraction of the hand speeds that the reference may take: the rest is for catching up with it."""
+"""Fraction of the hand speeds that the reference may use; the rest is for catching up."""
 
 STANDS = 1e-6
-"""[rad/s or m/s] Joint speeds up to which a robot stands."""
+"""[rad/s or m/s] Joint speeds below which a robot is at rest."""
 
 
 class MirrorStatement(PoseTracker):
-    """A `PoseTracker` that says whether its tick needs no clock, and where w leads."""
+    """A `PoseTracker` that reports whether its next tick needs no clock, and w / w_max."""
 
     max_deviation: float
     max_turn: float
     hand_bounds: HandBounds
 
     def told(self, q: ca.SX, target: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """Besides, whether the reference may go on at its own pace, and w / w_max where the command leads.
+        """`PoseTracker.told`, plus whether the reference may continue at its own pace, and w / w_max at the end of the
+        command.
 
-        The scale is the clock's, but for a robot that is blocked and stands.
+        The scale is that of the clock, except for a robot that is blocked and at rest.
         """
         pose = self.chain.pose_expression(q)
         turned = rotation_vector(target[:3, :3] @ pose[:3, :3].T)

@@ -1,6 +1,6 @@
 """One tick of a mirrored hand as functions of (parameters, state, memory, inputs) -> (memory, command).
 
-In between, whoever ticks keeps the samples of the reference, asks the model of a led arm, and solves the QP. C is
+Between them, the caller stores the reference samples, evaluates the model of a led arm, and solves the QP. C code is
 generated from these functions.
 """
 
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
 __all__ = ["NOTICED", "MirrorTick", "mirror_tick"]
 
 VERDICT = Record(residual=1, valid=1, solver=1, relaxed=1, scale=1, reason=1, element=1, usual=1, then=1)
-"""Of the QP, its report from `relaxed` on: see `MirrorStatement.told`."""
+"""Verdict on the QP's answer; from `relaxed` on it is the QP's report, see `MirrorStatement.told`."""
 NOTICED = Record(reason=1, input=1, element=1, here=16, hand=6)
-"""The number of the reason why the arm must brake, 0 for none; of an unusable number which argument of `step` it is in,
-counted from 0, and which of its elements it is, -1 for none; the tool's pose, and how it moves."""
+"""Number of the reason to brake, 0 for none; for an invalid number the argument of `step`, counted from 0, and its
+element, -1 for none; the tool's pose and twist."""
 ORIGIN = [3, 7, 11]
-"""Where it stands in a pose by rows."""
+"""Indices of the position in a pose, row by row."""
 ACCELERATION, TASK = int(Relaxed.ACCELERATION), int(Relaxed.TASK)
-"""The last two of what can yield here, as numbers."""
+"""The last two bounds that can yield here, as numbers."""
 NOTE = {note.name: 2**i for i, note in enumerate(NOTES)}
 _FELT, _HELD = REMEMBERED.places["felt"], REMEMBERED.places["held"]
 
 
 class MirrorTick(NamedTuple):
-    """The functions of a tick. Parameters are those of the QP, n of them positions; a state is that of its tick."""
+    """The functions of a tick; its parameters, from the positions (n,) on, and its state are those of the QP."""
 
     notice: ca.Function
     """Parameters, state, `GIVEN`, force (3,) [N], whether it is measured, pose and twist (22,) of the last tick that
@@ -52,15 +52,15 @@ class MirrorTick(NamedTuple):
     concluded: ca.Function
     """See `MirrorPace.concluded_function`."""
     deliver: ca.Function
-    """Parameters, state after a certified answer, its verdict, `SAID`, the sample at hand, whether samples were left
-    out, `REMEMBERED` -> parameters, `REPORT`, `REMEMBERED`. Where all is usual, the next tick needs no clock."""
+    """Parameters, state after a certified answer, its verdict, `SAID`, current sample, whether samples were skipped,
+    `REMEMBERED` -> parameters, `REPORT`, `REMEMBERED`. If nothing is unusual, the next tick needs no clock."""
     brake: ca.Function
-    """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `REPORT`, `REMEMBERED`:
-    the safe command."""
+    """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `REPORT`, `REMEMBERED`,
+    for the fallback command."""
 
 
 def mirror_tick(of: MirrorStatement, pace: MirrorPace, law: Interaction, *, person: bool) -> MirrorTick:
-    """The functions of a tracker; `person` says whether a model of the led arm limits its reference."""
+    """The functions of a tracker; `person` is true if a model of the led arm limits the reference."""
     return MirrorTick(
         _notice(of, law), pace.tried_function(), pace.concluded_function(person=person), _deliver(of), _brake(of)
     )
@@ -89,7 +89,7 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
 
 
 def _first_reason(of: MirrorStatement) -> ca.Function:
-    """Reason and joint of a state, `faulty` of parameters, why forces stop the arm, force -> three of `NOTICED`."""
+    """Reason and joint of a state, `faulty` of parameters, why force stops, force -> `NOTICED`, first three."""
     own, joint, found, stop, force = inputs = [ca.SX.sym("argument", size) for size in (1, 1, 3, 1, 3)]
     element = ca.SX(-1)
     for i in (2, 1, 0):
@@ -117,7 +117,7 @@ def _brake(of: MirrorStatement) -> ca.Function:
 
 
 def _braked(of: MirrorStatement) -> ca.Function:
-    """`REPORT` of the safe command, `REMEMBERED`, q, velocity (n,), three of `NOTICED` -> `REPORT`, `REMEMBERED`."""
+    """`REPORT` of the fallback command, `REMEMBERED`, q, velocity (n,), part of `NOTICED` -> `REPORT`, `REMEMBERED`."""
     told, past = REPORT.symbols("told"), REMEMBERED.symbols("memory")
     q, velocity, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, of.chain.n, 3)]
     unusable = why[0] == NUMBER["INPUT_INVALID"]
@@ -145,8 +145,8 @@ def _deliver(of: MirrorStatement) -> ca.Function:
 
 
 def _delivered(of: MirrorStatement) -> ca.Function:
-    """`VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether some were left out, velocity (n,), `AIMED` ->
-    `REPORT`, `REMEMBERED`; `AIMED` that stays for the next tick.
+    """`VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether samples were skipped, velocity (n,), `AIMED` ->
+    `REPORT`, `REMEMBERED`; and the `AIMED` that remains for the next tick.
     """
     verdict, own, past = VERDICT.symbols("verdict"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     said, sample, (fewer, velocity, aimed) = SAID.symbols("said"), SAMPLE.symbols("sample"), (
@@ -181,7 +181,7 @@ def _delivered(of: MirrorStatement) -> ca.Function:
 
 # ------------------------------------------------------------------------------------------------------- its parts
 def _begin(of: MirrorStatement) -> int:
-    """Where what is remembered begins in a state: the last velocity, the position it leads to, and more."""
+    """Index in a state at which the memory begins: last velocity, the position at its end, and more."""
     return of.stated.state_size - int(of.stated.memory.numel())
 
 

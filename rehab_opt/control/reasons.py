@@ -11,16 +11,16 @@ __all__ = ["NOTES", "NUMBER", "REASONS", "Note", "Reason", "notes_of", "reason_n
 
 
 class Reason(NamedTuple):
-    """Why a command is not a plain OK."""
+    """Reason for a command that is not a plain OK."""
 
     name: str
-    """Of the constant in C, behind REHAB_."""
+    """Name of the constant in C, after REHAB_."""
     text: str
-    """As `rehab_reason` gives it."""
+    """Text of `rehab_reason` in C."""
     python: str | None
-    """Part of Python's text; None where Python has no such reason."""
+    """Characteristic part of Python's text; None if Python has no such reason."""
     told: str = ""
-    """Format of Python's text, with details of the tick; empty where that is `text`."""
+    """Format of Python's text, with details of the tick; empty if it equals `text`."""
 
 
 REASONS = (
@@ -114,23 +114,23 @@ REASONS = (
     Reason("POSTURE_SINGULAR", "no joint moves the tool that way: the posture is singular", "the posture is singular"),
     Reason("OUT_OF_REACH", "the pose is out of reach", "the pose is out of reach"),
 )
-"""In the order of their numbers, which a release will not change."""
+"""In the order of their numbers, which stay the same in later releases."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}
-"""Of each by its name."""
+"""Number of each reason, by its name."""
 
 
 def reason_text(number: float, details: Iterable[float]) -> str:
-    """Python's text of a tick's reason, with as many of its details as the format takes."""
+    """Python's text of a tick's reason, with the details that its format needs."""
     reason = REASONS[int(number)]
     return reason.told.format(*details) if reason.told else reason.text
 
 
 def reason_number(reason: str) -> int:
-    """Number of the reason of a `Command` of Python, without its notes.
+    """Number of the reason of a Python `Command`, without its notes.
 
     Raises
     ------
-    ConfigurationError : none of these.
+    ConfigurationError : an unknown reason.
     """
     reason = without_notes(reason)
     if not reason:
@@ -142,14 +142,14 @@ def reason_number(reason: str) -> int:
 
 
 class Note(NamedTuple):
-    """A remark on a command that is no fault."""
+    """A note on a command that is not a fault."""
 
     name: str
-    """Of the constant in C, behind REHAB_."""
+    """Name of the constant in C, after REHAB_."""
     text: str
-    """What it means."""
+    """Meaning of the note."""
     python: str
-    """Part of Python's text."""
+    """Characteristic part of Python's text."""
 
 
 NOTES = (
@@ -159,11 +159,11 @@ NOTES = (
         "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
     ),
 )
-"""In the order of their numbers, 1, 2, 4, which a release will not change. Python joins them by semicolons."""
+"""In the order of their numbers (1, 2, 4), which stay the same in later releases. Python joins them with semicolons."""
 
 
 def notes_of(reason: str) -> int:
-    """Sum of the numbers of the notes in the reason of a `Command` of Python."""
+    """Sum of the numbers of the notes in the reason of a Python `Command`."""
     return sum(2**i for i, note in enumerate(NOTES) if note.python in reason)
 
 

@@ -1,4 +1,4 @@
-"""Everything around a velocity QP: parameters into buffers, solve, certificate, fallbacks, safe command, Command."""
+"""The parts of a controller around a velocity QP: parameters, solve, certificate, fallbacks, and Command."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
 MISSED = 1e-3
-"""Fraction of the reference motion by which the delivered one must differ for the task to count as relaxed."""
+"""Fraction of the reference motion; a larger difference to the delivered motion counts as a relaxed task."""
 ROUNDED = 1e-6
-"""A bound as little below zero as that lets rounding through: zero is meant."""
+"""Tolerance of a zero bound, for rounding."""
 STILL = 1e-6
-"""[m/s] Motions below this are none."""
+"""[m/s] Slower motions count as none."""
 
 # Bound once: each look-up of an attribute in the hot path would cost a hundredth of the tick.
 _OK, _NAN, _new, _read_only, _JUDGED = Status.OK, math.nan, tuple.__new__, np.frombuffer, GIVEN["judged"]
@@ -66,14 +66,14 @@ _BOUNDS, _SOLVERS = (
 class VelocityController(OneThread, ABC):
     """A controller whose command is a joint velocity held until the next tick.
 
-    A subclass states its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
-    memory begins with the last velocity and the position it leads to (2 n,): `remember` gives both. Its `step` writes
-    the inputs into `_views`, or through `_write`, and calls `_tick`. The command is `memory[command_slice]`, by default
-    the last velocity; `memory[wheels]` are wheel speeds.
+    A subclass defines its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
+    memory begins with the last velocity and the position after it (2 n,): `remember` gives both. Its `step` writes the
+    inputs into `_views`, or through `_write`, and calls `_tick`. The command is `memory[command_slice]`, by default the
+    last velocity; `memory[wheels]` are wheel speeds.
 
-    The velocity last commanded is part of the state: a new controller is at rest, `reset` says otherwise.
+    The last commanded velocity is part of the state: a new controller is at rest, unless `reset` sets a velocity.
 
-    It acts on where the joints have been led; what is measured is its supervisor, see `FrontEnd`.
+    It acts on the joints' commanded positions; measurements supervise them, see `FrontEnd`.
     """
 
     chain: SerialChain = setting()
@@ -102,7 +102,7 @@ class VelocityController(OneThread, ABC):
         self.recovery_speed = checked_number("recovery_speed", recovery_speed, above=0.0, below=1.0)
         self.max_age = Watchdog(dt=dt, max_age=max_age).max_age
         self.led = FrontEnd(chain, dt=self.dt, max_age=self.max_age, base=self.base) if self.watched else None
-        """Where the joints are led."""
+        """Commanded positions of the joints."""
         parts = dict(vars(self))
         self._code = [each for kind in type(self).__mro__ for each in vars(kind).values()]  # classes may be changed
 
@@ -115,7 +115,7 @@ class VelocityController(OneThread, ABC):
             self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, tick=self.functions.tick
         )
         self._inside = solver == FUSED and not solvers.is_recorded()
-        """Whether the QP is solved inside the tick; a recorder looks at the QP alone."""
+        """Whether the QP is solved inside the tick; a recorder needs the QP alone."""
         self._function, n = solvers.function, chain.n
         (parameters, everything, given), (after, verdict, told) = self._function.inputs, self._function.outputs
         own = everything[self.stated.state_size :]
@@ -145,23 +145,23 @@ class VelocityController(OneThread, ABC):
 
     # ------------------------------------------------------------------------------------------- for subclasses
     shapes: ClassVar[tuple[tuple[int, ...], ...]] = ()
-    """Shapes of the statement's parameters after q, as `step` takes them."""
+    """Shapes of the statement's parameters after q, as in `step`."""
     twist_rows: Sequence[str] = ("x", "y", "z", "rx", "ry", "rz")
-    """What the numbers of a twist are."""
+    """Names of the components of a twist."""
     requirement: ClassVar[str] = ""
-    """What is wrong when the statement's requirements are not met."""
+    """Text for unmet requirements of the statement."""
     command_slice: slice | None = None
-    """Part of the memory (n,) that is the command, None for the last velocity."""
+    """Part of the memory (n,) with the command; None for the last velocity."""
     wheels: slice | None = None
-    """Part of the memory that goes to wheels, None where there are none."""
+    """Part of the memory with wheel speeds; None without wheels."""
     motion: slice | None = None
-    """Part of the memory, behind velocity and position, that is zero at rest; None for all of it."""
+    """Part of the memory, after velocity and position, that is zero at rest; None for all of it."""
     names_what_blocks: ClassVar[bool] = False
-    """Whether the report has the reason of a command that leaves nothing, and its joint, behind the usual ones."""
+    """Whether the report ends with the reason, and the joint, of a command that delivers nothing."""
     base: ClassVar[int] = 0
-    """How many of the first joints are the place of a base, see `FrontEnd`."""
+    """Number of first joints that are the position of a base, see `FrontEnd`."""
     watched: ClassVar[bool] = True
-    """Whether there is a `FrontEnd`: not for joints that are where they are commanded."""
+    """Whether there is a `FrontEnd`; not for joints that are exactly at their commanded positions."""
 
     @property
     def judged(self) -> Record:
@@ -169,7 +169,7 @@ class VelocityController(OneThread, ABC):
         return judged_memory(self.chain.n, self.led.size if self.led else 0)
 
     functions: VelocityTick
-    """What a tick is made of, made once for all controllers of equal parts."""
+    """The functions of a tick, built once for all controllers with equal parts."""
 
     def _functions(self) -> VelocityTick:
         stated, n = self.stated, self.chain.n
@@ -188,12 +188,12 @@ class VelocityController(OneThread, ABC):
 
     @property
     def farthest(self) -> float:
-        """[m] from the base beyond which a pose is a mistake: ten times the arm's reach."""
+        """[m] distance from the base above which a pose is an error: ten times the arm's reach."""
         return farthest(self.chain)
 
     @cached_property
     def stated(self) -> Statement:
-        """The QP of one tick, made once; what cannot be meant is not answered."""
+        """The QP of one tick, built once; it gives no answer for impossible inputs."""
         wrong = implausible(self.chain, (stated := self.statement()).parameters, stated.parameters, self.twist_rows)
         return replace(stated, requires=[*stated.requires, ca.sum1(wrong) == 0])
 
@@ -207,7 +207,7 @@ class VelocityController(OneThread, ABC):
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
         """Number of `Relaxed`, and `delivered_fraction` of the reference motion.
 
-        `delivered` and `commanded` are twists, weighted alike; `outside` says that a joint is beyond its limit.
+        `delivered` and `commanded` are twists with equal weights; `outside` is true if a joint is beyond its limit.
         """
         hurried = self.hurried(last, velocity)
         size = ca.sumsqr(commanded)
@@ -217,31 +217,31 @@ class VelocityController(OneThread, ABC):
 
     @cached_property
     def hurried(self) -> ca.Function:
-        """Whether joints go from one velocity (n,) to the other faster than their accelerations allow."""
+        """Whether joints change from one velocity (n,) to another faster than their accelerations allow."""
         last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
         faster = ca.sum1(ca.fabs(velocity - last) > max_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
         return ca.Function("hurried", [last, velocity], [faster])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The velocity, and where it leads by the next tick."""
+        """The velocity, and the position after the tick."""
         return ca.vertcat(velocity, q + velocity * self.dt)
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
-        """What a tick of the safe command remembers at q, after the last velocity."""
+        """Memory after a tick of the fallback command at q, after the last velocity."""
         return self.remember(q, velocity)
 
     @abstractmethod
     def braking(self) -> ca.Function:
-        """q, memory -> what is remembered of the safe command, and its report."""
+        """q, memory -> memory after the fallback command, and its report."""
 
     def fallback_law(self) -> ca.Function | None:
-        """Parameters, memory -> report, memory, violation: what may be sent where every solver failed, or None."""
+        """Parameters, memory -> report, memory, violation of a command for when every solver failed, or None."""
         return None
 
     def beginning(self) -> ca.Function:
-        """Velocity (n,) now -> state of which nothing else is known; whether the joints may be so fast.
+        """Current velocity (n,) -> state without other history; whether the joints may be that fast.
 
-        Until a position can be read, the middle of a joint's range is taken for it.
+        Until a position is measured, the middle of a joint's range is assumed.
         """
         velocity = ca.SX.sym("velocity", self.chain.n)
         lower, upper = np.maximum(self.chain.lower, -MAX_MAGNITUDE), np.minimum(self.chain.upper, MAX_MAGNITUDE)
@@ -253,10 +253,10 @@ class VelocityController(OneThread, ABC):
         return ca.Function("begin", [velocity], [ca.densify(known), possible])
 
     def stopping(self) -> ca.Function:
-        """Parameters, state -> state after a tick of the safe command; what was relaxed and whether it moves; q (n,).
+        """Parameters, state -> state after a tick of the fallback command; relaxed bounds and whether it moves; q (n,).
 
-        The last good position stands in for one that is invalid, and of what else `braking` needs, the last
-        parameters, nothing is there where one of its numbers is. The warm start is forgotten.
+        The last valid position replaces an invalid one. Of the last parameters, which `braking` also needs, one with an
+        invalid number is left out. The warm start is discarded.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)
@@ -275,9 +275,9 @@ class VelocityController(OneThread, ABC):
         return ca.Function("stopping", [p, state], [ca.vertcat(start, after), said, q])
 
     def faulty(self) -> ca.Function:
-        """Parameters, whether they are sound -> number of the reason for no certified answer, input and element of it.
+        """Parameters, whether they are valid -> number of the reason for no certified answer, its input and element.
 
-        Input and element, both counted from 0, are those of the first number that is not valid, else -1.
+        Input and element, both counted from 0, are those of the first invalid number, else -1.
         """
         p, valid = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("valid")
         where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
@@ -293,14 +293,14 @@ class VelocityController(OneThread, ABC):
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
-        """Forget the past, that of the solvers too; `velocity` (n,) is what the joints do now, rest by default."""
+        """Reset the state, also that of the solvers; `velocity` (n,) is the joints' current one, by default rest."""
         n = self.chain.n
         speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
         if not self._began(speed):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
 
     def _began(self, *given: ArrayLike) -> bool:
-        """Whether there is a state that begins so, see `beginning`: it is the one of now, and the past is forgotten."""
+        """Whether a state can begin like this, see `beginning`; if so, it becomes the current state."""
         self._refuse_others()
         state = self._begin_anew.of(*given)
         if not self._begin_anew.outputs[1][0]:
@@ -323,14 +323,14 @@ class VelocityController(OneThread, ABC):
 
     # ---------------------------------------------------------------------------------------------------- one tick
     def _set_enable(self, enable: object, stamp: float | None) -> None:
-        """Write enable input and stamp; they are the usual ones where that is true and there is none."""
+        """Write enable input and stamp, with a shortcut for True and no stamp."""
         given = self._given
         given[0], given[1] = (stamp, NUMBER_OF_SECONDS) if type(stamp) is float else stamp_and_kind(stamp)
         given[2] = is_true(enable)
         self._usual = enable is True and stamp is None
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
-        """One step on what stands in the parameters."""
+        """One step with the current parameters."""
         if enable is not True or stamp is not None or not self._usual:
             self._set_enable(enable, stamp)
         if not self._inside:
@@ -348,7 +348,7 @@ class VelocityController(OneThread, ABC):
         return _new(Command, (value, _OK, _SOLVERS[who], residual, -1, "", _BOUNDS[relaxed], scale, wheels))
 
     def _judged(self) -> str:
-        """Judge the state, once in a tick: why it must not be acted on, or nothing."""
+        """Check the state once in a tick; returns the reason why it is invalid, or nothing."""
         self._judge.inputs[0][:] = self._q
         self._judge.evaluate()
         self._q[:], self._solvers.memory[:], self._judge.inputs[2][:] = self._judge.outputs
@@ -357,7 +357,7 @@ class VelocityController(OneThread, ABC):
         return self._words(own["reason"][0], -1, own["element"][0], own["details"].tolist())
 
     def _otherwise(self, left: float) -> Command:
-        """The tick with other solvers, or the safe command."""
+        """The tick with other solvers, or the fallback command."""
         solver, solvers = "", self._solvers
         if left != NOTHING_TO_SOLVE and not self._judged():
             solver = solvers.solve_with_fallback() if self._inside else solvers()
@@ -371,14 +371,14 @@ class VelocityController(OneThread, ABC):
         return command._replace(solver=solver, iterations=solvers.iterations)
 
     def _finished(self) -> Command:
-        """What `VelocityTick.finish` makes of the answer and the verdict at hand."""
+        """The result of `VelocityTick.finish` for the current answer and verdict."""
         self._finish.evaluate()
         after, told, _ = self._finish.outputs
         self._solvers.everything[:] = after
         return self._as_told(told.data)
 
     def _safe(self, reason: str) -> Command:
-        """The safe command at a state that was judged, or that no one measures, for a reason of one's own if any."""
+        """The fallback command at a checked state, or without measurements; the caller may give a reason."""
         judged, self._given[_JUDGED], self._own["reason"][:] = self._given[_JUDGED], 1.0, bool(reason)
         command = self._finished()
         self._given[_JUDGED], self._own["reason"][:] = judged, 0.0
@@ -396,11 +396,11 @@ class VelocityController(OneThread, ABC):
         return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[relaxed], scale, wheels)
 
     def _noted(self, notes: int) -> str:
-        """Remarks of a tick, see `Note`; empty without any."""
+        """Notes of a tick, see `Note`; may be empty."""
         return ""
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
-        """Text of a reason, see `REPORT`; empty without one."""
+        """Text of a reason, see `REPORT`; may be empty."""
         if reason == NUMBER["NOT_FOLLOWED"]:
             return f"{self.chain.names[int(element)]} does not follow: {details[0]:.2g} rad or m from where it was led"
         if reason == NUMBER["INPUT_INVALID"]:
@@ -412,13 +412,13 @@ class VelocityController(OneThread, ABC):
         return reason_text(reason, details)
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
-        """Copy what is not a float array, or say what is wrong with it; numbers are judged by the certificate."""
+        """Copy a value that is not a float array, or raise an error about it; the certificate checks its numbers."""
         for target, value, name in zip((self._q, *self._inputs), values, self._names, strict=True):
             target[...] = real_numbers(name, value, target.shape)
 
 
 def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """`value` as an array of that shape, whatever its numbers are: an integer that no float holds is infinite."""
+    """`value` as an array of that shape with any numbers; an integer too large for a float becomes infinite."""
     expected = f"real numbers of shape {shape}"
     try:
         array = real_array(value)

@@ -1,7 +1,8 @@
 """One tick of a velocity QP as functions of (parameters, memory, given) -> (memory, command).
 
-A state is judged, the QP solved where it may be acted on, and what is certified is the command. Where nothing is,
-whoever ticks asks another solver or begins cold, and `finish` says what is sent. C is generated from these functions.
+The state is checked, and the QP is solved if the state is valid; a certified answer becomes the command. Without one,
+the caller tries another solver or a cold start, and `finish` gives the command. C code is generated from these
+functions.
 """
 
 from __future__ import annotations
@@ -32,32 +33,33 @@ __all__ = [
 ]  # fmt: skip
 
 VELOCITY_SOLVERS = (*FUSED_SOLVERS, "braking together")
-"""Who answered, by the number of `REPORT`; -1 is nobody."""
+"""Solvers by their number in `REPORT`; -1 for none."""
 REPORT = Record(
     left=1, residual=1, solver=1, relaxed=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
     note=1,
 )  # fmt: skip
-"""What is left to do for a command; its residual, solver, relaxed bounds and fraction of the task; whether any of the
-others is not that of a plain OK: the status, a place in `NUMBERED`, the reason's number, which input and which of
-its elements that is of, -1 for none, its details, and the sum of the notes."""
+"""What remains to be done for a command; its residual, solver, relaxed bounds and fraction of the task; whether one of
+the other values differs from a plain OK: index of the status in `NUMBERED`, number of the reason, its input and element
+(-1 for none), its details, and the sum of the notes."""
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
-"""What is left: nothing; an answer that another solver, or a cold start, may have; the safe command."""
+"""Remaining work: none; an answer by another solver, or by a cold start; the fallback command."""
 
 
 _Branch = Callable[..., list[Any]]
 
 
 class VelocityTick(NamedTuple):
-    """The functions of a tick; a state is that of `fused` with a `judged_memory` behind it."""
+    """The functions of a tick; a state is that of `fused`, followed by a `judged_memory`."""
 
     judge: ca.Function
     """See `judged_state`."""
     tick: ca.Function
-    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `REPORT`; solved inside."""
+    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `REPORT`; solved inside the function."""
     finish: ca.Function
     """Parameters, state, `GIVEN`, the QP's answer (a state of `fused`) and verdict -> state, `REPORT`, positions (n,).
 
-    The answer where it is certified; else what `law` makes, where that is; else the safe command."""
+    The command is the answer if it is certified, else the result of `law` if there is one, else the fallback
+    command."""
 
 
 def velocity_tick(
@@ -70,7 +72,7 @@ def velocity_tick(
     ----------
     stated : its QP. judge, record : see `judged_state`, and its memory.
     stop, faulty, law, hurried : see `VelocityController`: `stopping`, `faulty`, `fallback_law`, `hurried`.
-    tolerance : largest residual, and violation, that is accepted. named : see `VelocityController.names_what_blocks`.
+    tolerance : largest accepted residual and violation. named : see `VelocityController.names_what_blocks`.
     """
     name, n, size = stated.name, int(judge.numel_in(0)), stated.state_size
     begin, report = size - int(stated.memory.numel()), int(stated.report.numel())
@@ -124,13 +126,13 @@ def velocity_tick(
 
 
 def _either(condition: ca.MX, this: _Branch, that: _Branch, *given: ca.MX) -> list[ca.MX]:
-    """What one of the two gives; only that one is evaluated."""
+    """The result of one of two functions; only that one is evaluated."""
     first, second = _function("this", this, *given), _function("that", that, *given)
     return list(ca.Function.if_else("either", first, second)(condition, *given))
 
 
 def _function(name: str, of: _Branch, *like: ca.MX) -> ca.Function:
-    """What `of` gives of columns as long as those of `like`."""
+    """Function `of` for columns with the lengths of `like`."""
     columns = [ca.MX.sym("column", each.numel()) for each in like]
     return ca.Function(name, columns, of(*columns))
 
@@ -140,7 +142,7 @@ def _columns(*sizes: int) -> list[ca.SX]:
 
 
 def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Function) -> ca.SX:
-    """The same, and accelerations where joints began anew at rest, see `judged_state`."""
+    """The same number, plus accelerations for joints that restarted at rest, see `judged_state`."""
     if not own.before.numel():
         return relaxed
     there = below(relaxed, 2 * int(Relaxed.ACCELERATION)) >= int(Relaxed.ACCELERATION)
@@ -151,7 +153,7 @@ def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Func
 def _certified(
     record: Record, n: int, size: int, hurried: ca.Function, tolerance: float, *, named: bool
 ) -> ca.Function:
-    """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`, `left` is `DONE` if the answer is certified."""
+    """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`; `left` is `DONE` if the answer is certified."""
     column, last, verdict = inputs = _columns(record.size, n, size)
     own, (residual, valid, who, relaxed, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
     meant, blocked = own.reason == 0, scale == 0
@@ -169,7 +171,7 @@ def _certified(
 
 
 def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty: ca.Function) -> ca.Function:
-    """The same, parameters, status, residual, solver, relaxed and scale -> `REPORT` where nothing is certified."""
+    """The same, parameters, status, residual, solver, relaxed and scale -> `REPORT` without a certified answer."""
     column, last, verdict, p, said = inputs = _columns(record.size, n, size, faulty.numel_in(0), 5)
     own, (status, residual, solver, relaxed, scale) = record.parts(column), ca.vertsplit(said)
     refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]
@@ -185,5 +187,5 @@ def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty
 
 
 def below(relaxed: ca.SX, part: int) -> ca.SX:
-    """Of a number of `Relaxed`, what is below one of its parts."""
+    """The part of a `Relaxed` number below one of its flags."""
     return relaxed - part * ca.floor(relaxed / part)

@@ -1,4 +1,4 @@
-"""The command nearest to another that keeps rows."""
+"""The command closest to a given one that satisfies rows."""
 
 from __future__ import annotations
 

@@ -54,9 +54,7 @@ VIEWS: Mapping[str, View] = {
 
 
 def range_note(name: str, arm: SerialChain, *, side: str = "") -> str:
-    """The range of motion of an arm in a clinician's terms, with a warning where a range looks like another
-    convention.
-    """
+    """The range of motion of an arm in a clinician's terms; a warning if it looks like another convention."""
     said = [range_in_words(movement, *pair) + _looks_like(movement, *pair) for movement, pair in _measured(arm).items()]
     whose = f" of the {side} arm" if side else ""
     return f"range of motion {name!r}{whose}, as a goniometer reads it: {'; '.join(said)}"

@@ -129,9 +129,7 @@ class ClearanceSection(Section):
     """Bars and balls that move; the controller gets their positions and velocities."""
 
     def moving_at(self, time: ArrayLike) -> Array:
-        """(N, k, 14) numbers of the moving bodies at times (N,) [s] after the start of the run, see
-        `moving_numbers`.
-        """
+        """(N, k, 14) numbers of the moving bodies at times (N,) [s] of the run, see `moving_numbers`."""
         clock, found = np.atleast_1d(np.asarray(time, dtype=np.float64)), []
         for each in self.moving:
             way, rate = np.tile(each.towards_m, 2), 2 * np.pi / each.period_s

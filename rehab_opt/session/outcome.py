@@ -158,9 +158,7 @@ def status_counts(statuses: Iterable[str]) -> dict[str, int]:
 
 
 def reason_counts(reasons: Iterable[str]) -> dict[str, int]:
-    """Number of occurrences of each reason without its measured part, the most frequent first. An empty reason is not
-    counted.
-    """
+    """How often each reason (without its measured part) occurs, the most frequent first; empty ones do not count."""
     return status_counts(MEASURED.sub("", reason) for reason in reasons if reason)
 
 

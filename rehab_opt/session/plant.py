@@ -51,9 +51,7 @@ Milliseconds = Annotated[float, Field(ge=0, le=1000)]
 
 
 class PlantTable(Section):
-    """Kind of robot, and the delays and noise of its connection. The defaults are those of an ordinary network servo
-    (our choice).
-    """
+    """Kind of robot, and delays and noise of its connection; by default those of a usual network servo."""
 
     kind: Kind = "ideal"
     """Kind of robot."""

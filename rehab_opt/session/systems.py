@@ -244,9 +244,7 @@ def value_at(problem: Problem, key: str) -> Any:
 
 
 def systems() -> dict[str, str]:
-    """Location `module:class` of each kind of problem, by name: shipped ones first, then those of other
-    distributions.
-    """
+    """Location `module:class` of each kind of problem, by name: shipped ones first, then others."""
     others = {each.name: each.value for each in entry_points(group=GROUP) if each.name not in SHIPPED}
     return {**SHIPPED, **others}
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from types import ModuleType, SimpleNamespace
 
-import casadi as ca
 import numpy as np
 
-from rehab_opt.control.between_poses import distance_of
 from rehab_opt.kinematics.robot_file import steps
 from tests.mutation.__main__ import reasons
 from tests.mutation.nearest import ROOT
@@ -41,10 +39,3 @@ def test_no_length_is_off_by_just_what_rounded_numbers_may_be() -> None:
     assert len(both) == INPUTS
     assert all(one == other for one, other in both)
     assert {"refused"} < {str(one) for one, _ in both}
-
-
-def test_distance_of_two_poses_is_the_same_from_either() -> None:
-    a, b = ca.SX.sym("a", 16), ca.SX.sym("b", 16)
-    function = ca.Function("both", [a, b], [distance_of(a, b), distance_of(b, a)]).map(INPUTS)
-    one, other = function(*np.random.default_rng(36).normal(size=(2, 16, INPUTS)))
-    np.testing.assert_array_equal(one.full(), other.full())

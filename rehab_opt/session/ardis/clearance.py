@@ -93,9 +93,7 @@ def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
 
 
 def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:
-    """(N,) [m] distance between segments and a capsule's axis: at an end of one, or at interior closest points of the
-    lines.
-    """
+    """(N,) [m] distance between segments and a capsule's axis, from end points or interior closest points."""
     start, stop = (np.broadcast_to(np.asarray(each), begin.shape) for each in (capsule.start, capsule.end))
     least = np.minimum.reduce(
         [

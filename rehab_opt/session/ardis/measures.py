@@ -159,9 +159,7 @@ def kinetic_energies(robot: MobileArm, drive: DriveName, trace: Trace) -> tuple[
 
 
 def goals_met(trace: Trace, goals: Sequence[GoalSection]) -> list[float | None]:
-    """[s] time at which each goal was reached, after the previous goal; None for a goal that was not reached, and for
-    all later ones.
-    """
+    """[s] time at which each goal was reached, in order; None for one that was not reached, and all later ones."""
     met: list[float | None] = []
     begin = 0
     for goal in goals:

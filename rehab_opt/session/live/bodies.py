@@ -148,9 +148,7 @@ class ArmBodies:
         )
 
     def capsules(self, q: ArrayLike, colours: Sequence[str] | str = ROBOT) -> list[list[Any]]:
-        """Rows of start, end, radius, colour; `colours` is one for all, or one for each joint: a link has its
-        joint's.
-        """
+        """Rows of start, end, radius, colour; `colours` is one for all, or one for each joint and its link."""
         frames = self.frames(q)
         if self._capsules:
             bodies = [

@@ -83,9 +83,7 @@ class LiveControl(ABC):
         """The command of a tick, from the page's inputs and the measurements."""
 
     def untouched(self, time: float) -> LiveInputs:
-        """Inputs without a live user: nothing is touched and the dead-man switch is held; `time` [s] since the
-        start.
-        """
+        """Inputs without a live user: no touch, and the dead-man switch is held; `time` [s] since the start."""
         return LiveInputs(enable=True)
 
     def plant_command(self, command: Command) -> Array:

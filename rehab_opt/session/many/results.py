@@ -79,9 +79,7 @@ def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
 
 
 def _named_once(numbers: Mapping[str, Cell]) -> dict[str, Cell]:
-    """The numbers under names that all rows share: for 10 000 people the names would need as much memory as the
-    numbers.
-    """
+    """The numbers under names that all rows share, because names for 10 000 people need much memory."""
     return {sys.intern(key): value for key, value in numbers.items()}
 
 
@@ -140,9 +138,7 @@ def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
 
 
 def write_groups(rows: Sequence[ResultRow], file: Path) -> None:
-    """Write statistics of each number over the finished rows of each group and condition: count, mean, spread,
-    quartiles.
-    """
+    """Write count, mean, spread and quartiles of each number over the finished rows of each group and condition."""
     of: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         group, condition = (row.covariates.get(key) or "all" for key in ("group", "condition"))

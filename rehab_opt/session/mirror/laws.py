@@ -115,9 +115,7 @@ def _joined(words: str) -> str:
 
 
 def without_floor(scene: Setup, plant: Plant, *, max_manipulability: float, progress: Progress) -> Led:
-    """The reference at its own speed from its first pose, with only the robot's limits: the paper's comparison without
-    a floor.
-    """
+    """The reference at its own speed with only the robot's limits: the paper's comparison without a floor."""
     dt, (poses, twists) = plant.dt, (scene.reference.poses, scene.reference.twists)
     tracker = PoseTracker(scene.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0)
     start, first = scene.start.copy(), poses[~scene.reference.lost][0]

@@ -30,9 +30,7 @@ AT_FLOOR, AT_PLANE = 0.02, 0.005
 
 
 def causes(led: Led, drive: DrivenJoints, bounds: HandBounds) -> NDArray[np.int_]:
-    """(M,) index in `CAUSES` of each sample of the drive: the cause of a deviation of the controller, or of a lag of
-    the drive.
-    """
+    """(M,) index in `CAUSES` of each sample of the drive: why the controller deviates, or the drive lags."""
     person = (led.person[:, 0] > NEAR) | (led.person[:, 1] > TURNED)
     robot = (led.short - led.person > (NEAR, TURNED)).any(axis=1) & ~person
     behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
@@ -93,9 +91,7 @@ def driven(
 def _passed(
     led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float
 ) -> tuple[Array, Array, Array]:
-    """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the corresponding times (K,) [s] of the
-    controller.
-    """
+    """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the controller's times (K,) [s]."""
     place, jerk = led.tool[:, :3, 3], np.full(robot.n, math.radians(bounds.jerk_deg_s3))
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
     found = smooth_path(

@@ -213,9 +213,7 @@ class _Search:
         return found
 
     def scores(self, drawn: Array) -> Array:
-        """(M,) fraction of the poses in reach, and less than one pose for the distance from the floor; zero where
-        nobody could sit.
-        """
+        """(M,) fraction of poses in reach, plus a little for a large floor distance; zero where nobody could sit."""
         found = np.zeros(len(drawn))
         for begun in range(0, len(found), ANYWHERE):
             some = slice(begun, begun + ANYWHERE)

@@ -195,9 +195,7 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
 
 
 def path_notes(scene: Setup) -> Iterator[str]:
-    """Notes on the reference's size and speed, the fraction of it that the led arm does, and the arm's changes of
-    posture.
-    """
+    """Notes on the reference's size and speed, how much of it the led arm does, and its changes of posture."""
     seen, times = ~scene.reference.lost, scene.reference.times
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
     yield size_note(reference)

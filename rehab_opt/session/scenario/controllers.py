@@ -114,9 +114,7 @@ def follows_path(problem: ScenarioProblem, context: Precomputed) -> bool:
 
 
 def _pace(problem: ScenarioProblem, points: Array) -> Smoother:
-    """Speed and acceleration limits with which the longest distance between points takes about `movement_s`, per
-    axis.
-    """
+    """Limits per axis with which the longest distance between points takes about `movement_s`."""
     way = max(float(np.abs(np.diff(points, axis=0)).max(initial=0.0)), SHORTEST_WAY)
     seconds = problem.task.movement_s
     # The largest speed, acceleration and jerk of the minimum-jerk motion of that length and time.

@@ -61,9 +61,7 @@ class LiveScenario(LiveProblem):
         return precompute(self._config, progress=lambda *_: None)
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The controller "assisted" of `rehab-opt run`, or else a pair, with the person and robot of the file's
-        trials.
-        """
+        """The controller "assisted", or else a pair, with the person and robot of the file's trials."""
         context, problem = self.context, self._config.problem
         law = law_of(self._law, self._config, context, solver=self._solver)
         scene = scene_of(self._config, context)
@@ -71,9 +69,7 @@ class LiveScenario(LiveProblem):
 
     @cached_property
     def _person(self) -> tuple[ArmBodies, ArmIK]:
-        """The arm within the reachable workspace, in the robot's frame, with its hand at height zero; and its posture
-        limits.
-        """
+        """The arm within the reachable workspace, in the robot's frame at height zero; and its posture limits."""
         section = self._config.problem.arm
         arm = arm_of(section.side, section.segments, section.reachable, file=self._config.file)
         place = placement_of(section).pose

@@ -174,9 +174,7 @@ class Helping(LiveControl):
 
 
 def simulate_trial(scene: Scene, law: ForceLaw, *, number: int, seed: int) -> Trace:
-    """One trial from rest at the intention's first position; the seed determines the person's and the sensor's
-    noise.
-    """
+    """One trial from rest at the intention's first position; the seed sets the noise of person and sensor."""
     intention, arrival = scene.intention, scene.arrival
     control = Helping(law, scene, number=number, seed=seed, endless=False)
     needed = math.inf if arrival is None else math.ceil(arrival.seconds / scene.dt)

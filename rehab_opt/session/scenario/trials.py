@@ -69,9 +69,7 @@ def trial_trace(columns: Mapping[str, ArrayLike], *, ended: str) -> Trace:
 
 
 def thinned_ticks(time: Array) -> NDArray[np.intp]:
-    """The ticks (K,) of `time` (N,) [s] that are kept so that the rate is at most `RATE`; always the first and the
-    last.
-    """
+    """The ticks (K,) of `time` (N,) [s] kept at a rate of at most `RATE`; always the first and the last."""
     if len(time) < 2:
         return np.arange(len(time))
     stride = max(1, math.ceil(1.0 / (RATE * float(np.median(np.diff(time)))) - 1e-6))

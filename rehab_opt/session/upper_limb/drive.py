@@ -44,9 +44,7 @@ def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
 
 
 def bounds_of_drive(chain: SerialChain, bounds: SmoothingSection) -> dict[str, Any]:
-    """Bounds of the joints, each (n,): the smaller of the file's and the chain's speed [rad/s] and acceleration
-    [rad/s^2]; jerk [rad/s^3].
-    """
+    """Bounds of speed, acceleration and jerk (n,) [rad/s^k], the smaller of the file's and the chain's."""
     return {
         "velocity": np.minimum(math.radians(bounds.speed_deg_s), chain.velocity),
         "acceleration": np.minimum(math.radians(bounds.acceleration_deg_s2), chain.acceleration),
