@@ -1,4 +1,4 @@
-"""The version, which the wheel's metadata are made from too."""
+"""The version, which the metadata of the wheel use, too."""
 
 __all__ = ["__version__"]
 

@@ -287,7 +287,7 @@ class SerialChain(HasEvaluator):
     # -------------------------------------------------------------------------------------------- expressions
     @_written_once
     def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
-        """N + 2 poses (4, 4) in the base frame: the base, the frame after each row, and the tool.
+        """Poses (4, 4), n + 2 of them, in the base frame: the base, the frame after each row, and the tool.
 
         `rows` replace the chain's own; their lengths may be expressions, so that one function serves any lengths.
         """

@@ -58,7 +58,7 @@ class KeepOut(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Box that stands still."""
+    """Box at rest."""
 
     name: str
     centre: tuple[float, float, float]

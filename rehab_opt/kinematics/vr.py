@@ -113,9 +113,9 @@ class Mirror:
     """
 
     point: tuple[float, float, float]
-    """[m] of the plane."""
+    """[m] A point of the plane."""
     normal: tuple[float, float, float]
-    """Of any length."""
+    """Normal of the plane, of any length."""
     lateral: Literal["x", "y", "z"]
     """Axis of the hand frame across the hand; the axes along the hand and out of its back keep their meaning."""
 
@@ -142,7 +142,7 @@ class Mirror:
         return np.diag([-1.0 if axis == self.lateral else 1.0 for axis in "xyz"])
 
     def positions(self, positions: ArrayLike) -> Array:
-        """(..., 3) mirrored."""
+        """(..., 3) mirrored positions."""
         about = np.array(self.point, dtype=np.float64)
         return np.asarray((_columns("positions", positions, 3) - about) @ self.matrix + about)
 

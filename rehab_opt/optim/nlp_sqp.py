@@ -139,7 +139,7 @@ def subproblem_function(nlp: NLP) -> ca.Function:
 
 
 def _step_inputs(nlp: NLP) -> list[Any]:
-    """P, x, multipliers, radius."""
+    """Columns p, x, multipliers, radius."""
     sizes = {"p": nlp.p.numel(), "x": nlp.n, "y": nlp.n + nlp.m, "radius": 1}
     return [ca.MX.sym(name, size) for name, size in sizes.items()]
 

@@ -28,7 +28,7 @@ class Stream:
     tolerance : certificate tolerance of the solver.
     make : function from the arguments of `see` to an instance.
     ticks : whether there is one QP a tick, as in a controller; False for iterations and fits.
-    skip, most : how many are let pass first, and how many are then kept.
+    skip, most : number of QPs that are skipped first, and largest number that is then recorded.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""`rehab-opt study list | show | compare | export | remove` and `report`: what is in a study, and what leaves it."""
+"""`rehab-opt study list | show | compare | export | remove` and `report`: the content of a study and its exports."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ app = typer.Typer(help="A study's people, sessions and trials, in one folder.", 
 StudyFolder = Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of the study.")]
 Somebody = Annotated[str | None, typer.Option("--person", help="One person; everybody by default.")]
 MAX_LISTED = 40
-"""Rows of a table that a terminal shows; all of them are in what `export` writes."""
+"""Largest number of table rows in a terminal; `export` writes all of them."""
 
 
 @app.command(name="list")
 def list_people(study: StudyFolder) -> None:
-    """Print everybody: group, sessions, trials, last day."""
+    """Print all people: group, sessions, trials, last day."""
     from rehab_opt.study.summary import people  # noqa: PLC0415
 
     with _open(study) as store:
@@ -37,7 +37,7 @@ def list_people(study: StudyFolder) -> None:
 
 @app.command()
 def show(study: StudyFolder, person: Somebody = None) -> None:
-    """Print how much there is; of one person the sessions, and their measures in the first and the last of them."""
+    """Print the size of a study; for one person the sessions, and the measures of the first and the last session."""
     from rich.table import Table  # noqa: PLC0415
 
     from rehab_opt.study.summary import check_there, interval, overview, quantities, session_means, sessions  # noqa: PLC0415
@@ -96,7 +96,9 @@ def export(
     person: Somebody = None,
     format: Annotated[str, typer.Option("--format", help="csv, parquet.")] = "csv",
 ) -> None:
-    """Write measures.csv in long format; of one person all that the study has, their problems and traces too."""
+    """Write measures.csv in long format; for one person the whole content of the study, including problems and
+    traces.
+    """
     from rehab_opt.study.person import exported  # noqa: PLC0415
 
     one_of("--format", format, ("csv", "parquet"))
@@ -111,7 +113,7 @@ def remove(
     person: Annotated[str, typer.Option("--person", help="Whose sessions, trials and traces are to be deleted.")],
     yes: Annotated[bool, typer.Option("--yes", help="Delete without a question.")] = False,
 ) -> None:
-    """Delete one person: their folder, results of their runs elsewhere, exports and reports that they are in."""
+    """Delete one person: their folder, results of their runs elsewhere, and exports and reports that include them."""
     from rehab_opt.study.person import removed  # noqa: PLC0415
 
     with _open(study) as store:

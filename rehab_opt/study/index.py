@@ -1,7 +1,7 @@
-"""An index of a study's folders in SQLite. The folders are the truth: whatever it lacks is read from them anew.
+"""An index of a study's folders in SQLite. The folders are the source: the index reads missing content from them.
 
-A session is read again when its folder was changed, or something in it could not be read: so it is found what a killed
-process had finished, what was copied there, and what is gone. Content that was edited in place is not: delete index.db.
+A session is read again if its folder changed, or if a part of it was unreadable. This finds results of killed
+processes, copied folders and removed ones. It does not find files that were edited in place: delete index.db then.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = ["INDEX", "Index", "content_of", "trial_format", "trials_in"]
 
 INDEX, PERSON, SESSION, TRIAL, METRICS = "index.db", "person.json", "session.json", "trial.json", "metrics.json"
 WAIT_S = 60.0
-"""[s] that one writer waits for another; a trial takes milliseconds."""
+"""[s] Time that a writer waits for another one; a trial takes milliseconds."""
 VERSION = 1
-"""PRAGMA user_version of an index; any other is made anew."""
+"""PRAGMA user_version of an index; an index with another version is built again."""
 SCHEMA = """
     CREATE TABLE sessions (
         id INTEGER PRIMARY KEY, person TEXT NOT NULL, "group" TEXT, name TEXT NOT NULL, visit INTEGER, date TEXT,
@@ -54,18 +54,18 @@ SCHEMA = """
 
 @cache
 def trial_format() -> Any:
-    """How pydantic reads and writes `trial.json`."""
+    """Pydantic's reader and writer of `trial.json`."""
     from pydantic import TypeAdapter  # noqa: PLC0415
 
     return TypeAdapter(Trial)
 
 
 def content_of(file: Path) -> dict[str, Any]:
-    """What a .json of a study says; {} where it is absent.
+    """Content of a .json file of a study; {} if it is missing.
 
     Raises
     ------
-    ConfigurationError, ProblemFileError : it cannot be read, or is no table.
+    ConfigurationError, ProblemFileError : the file cannot be read, or is no table.
     """
     if not os.path.lexists(file):
         return {}
@@ -80,11 +80,11 @@ def content_of(file: Path) -> dict[str, Any]:
 
 
 def trials_in(folder: Path) -> Sequence[Trial]:
-    """The trial of a folder; of one that holds a run's metrics.json alone, the trials of the run.
+    """The trial of a folder; if it has only a run's metrics.json, the trials of the run.
 
     Raises
     ------
-    ConfigurationError, ProblemFileError : neither file is there, or it cannot be read.
+    ConfigurationError, ProblemFileError : both files are missing, or the file cannot be read.
     """
     if not (folder / TRIAL).exists():
         from rehab_opt.study.record import metric_trials  # noqa: PLC0415
@@ -103,11 +103,11 @@ def trials_in(folder: Path) -> Sequence[Trial]:
 
 
 class Index:
-    """The index of a study's folder, in memory where none can be written.
+    """The index of a study's folder; in memory if it cannot be written.
 
     Raises
     ------
-    ConfigurationError : the folder cannot be read, or another process works on it for a minute.
+    ConfigurationError : the folder cannot be read, or another process blocks it for a minute.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -154,13 +154,13 @@ class Index:
             return self.db.execute(question, values).fetchall()
 
     def bad(self) -> list[str]:
-        """What lies in the folder and could not be read, and why; it stays as it is."""
+        """Unreadable content of the folder, with the reasons; it is not changed."""
         found = self.rows("SELECT person, session, folder, why FROM bad ORDER BY 1, 2, 3")
         return [f"{'/'.join(filter(None, place))}: {why}" for *place, why in found]
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
-        """Raise `ConfigurationError` in place of SQLite's errors and those of the disk."""
+        """Raise `ConfigurationError` in place of errors of SQLite and the disk."""
         try:
             yield
         except (sqlite3.Error, OSError) as problem:
@@ -170,13 +170,15 @@ class Index:
 
     @contextmanager
     def transaction(self, kind: str = "IMMEDIATE") -> Iterator[None]:
-        """All of it or nothing; other writers wait. Of kind DEFERRED: what is read meanwhile is of one moment."""
+        """A transaction: all of it or nothing; other writers wait. With the kind DEFERRED, all reads see the state of
+        one moment.
+        """
         self.db.execute(f"BEGIN {kind}")
         with self.db:
             yield
 
     def follow(self) -> None:
-        """Read what is new in the folders, and forget what is gone, without a byte left of it."""
+        """Read new content of the folders, and erase removed content completely."""
         known = {
             (person, name): stamp for person, name, stamp in self.db.execute("SELECT person, name, stamp FROM sessions")
         }
@@ -200,7 +202,7 @@ class Index:
             self.db.execute("VACUUM")  # what an index kept of a name in its inner pages goes, too
 
     def read(self, person: str, name: str) -> None:
-        """Read a session anew where it is changed, within a transaction."""
+        """Read a session again if it changed, within a transaction."""
         home, file = self.folder / person / name, self.folder / person / PERSON
         stamp, add = _stamp(home) + _stamp(file), self.db.execute
         add("DELETE FROM bad WHERE person = ? AND session = ?", (person, name))
@@ -248,13 +250,13 @@ def _code(problem: BaseException) -> int:
 
 
 def _folders(within: os.DirEntry[str] | Path) -> Iterator[os.DirEntry[str]]:
-    """Folders, not through links: nothing outside of a study is read, or removed."""
+    """Folders, without links, so that nothing outside a study is read or removed."""
     with os.scandir(within) as entries:
         yield from (each for each in entries if each.is_dir(follow_symlinks=False) and each.name[0] != ".")
 
 
 def _stamp(path: str | Path) -> str:
-    """What changes when something is made, renamed or removed in a folder, or a file is replaced."""
+    """Value that changes if a file of a folder is created, renamed, removed or replaced."""
     try:
         found = os.stat(path)
     except FileNotFoundError:

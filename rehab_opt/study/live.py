@@ -1,4 +1,4 @@
-"""Trials of a live session: each time that the dead man's switch is held is one, written when it is let go."""
+"""Trials of a live session: a trial lasts as long as the dead man's switch is held, and is written at its release."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ __all__ = ["LiveTrials"]
 Array = NDArray[np.float64]
 
 SHORTEST = 1.0
-"""[s] A switch held for less is a touch, no trial."""
+"""[s] A shorter hold of the switch is no trial."""
 USUAL = "ok"
 
 
 class LiveTrials:
-    """What a live page shows, 30 times a second, as trials of a study; `LivePage` calls it.
+    """The pictures of a live page, 30 per second, as trials of a study; `LivePage` calls it.
 
-    Of a trial it keeps maximum and mean of each plotted number, those with a limit as bounds; statuses other than "ok"
-    with their reasons as events; where the problem shows a hand, the measures of its path; all samples.
+    A trial has the maximum and mean of each plotted number, those with a limit as bounds; statuses other than "ok" with
+    their reasons as events; the measures of the hand's path, if there is a hand; and all samples.
 
     Parameters
     ----------
     into : session and study.
-    problem : as it is run.
+    problem : the problem of the run.
     """
 
     def __init__(self, into: Destination, problem: ProblemText) -> None:
@@ -45,18 +45,18 @@ class LiveTrials:
         self.written = 0
 
     def begin(self, plots: Sequence[Mapping[str, Any]]) -> None:
-        """The numbers that the page plots: name, unit, and `line` where they have a limit."""
+        """The numbers that the page plots: name, unit, and `line` if there is a limit."""
         self._plots = plots
 
     def see(self, seen: Seen) -> None:
-        """One picture of the page; raises as `Study.add` where it ends a trial."""
+        """One picture of the page; raises as `Study.add` if it ends a trial."""
         if not seen.held:
             self.end()
         elif not self._seen or seen.time > self._seen[-1].time:
             self._seen.append(seen)
 
     def end(self) -> None:
-        """Write the trial that is going on, if it is long enough to be one."""
+        """Write the current trial if it is long enough."""
         seen, self._seen = self._seen, []
         if seen and seen[-1].time - seen[0].time >= SHORTEST:
             self.written += self._into.add([self._trial(seen)])
@@ -94,7 +94,7 @@ class LiveTrials:
 
 
 def _events(seen: Sequence[Seen]) -> Iterator[Event]:
-    """How many pictures had another status than "ok", with its reason, and what the loop left out."""
+    """Number of pictures with a status other than "ok", by reason, and of ticks that the loop skipped."""
     counted = Counter(": ".join(filter(None, (each.status, each.reason))) for each in seen if each.status != USUAL)
     for what, times in counted.items():
         yield Event(what, times, "pictures")

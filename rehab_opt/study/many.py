@@ -1,4 +1,4 @@
-"""Many people's runs into a study, each as it ends; people whose covariates do not fit are refused."""
+"""Write batch runs into a study, each when it ends; people whose covariates do not fit are refused."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class Recorder:
 
     Parameters
     ----------
-    study : open.
-    session : of the people whose row says none.
-    table : the results.csv that has a row for each of them.
+    study : an open study.
+    session : session of people whose row names none.
+    table : the results.csv with the rows of these people.
     """
 
     def __init__(self, study: Study, session: str | None, *, table: Path) -> None:
         self._study, self._session, self._table = study, session, table
 
     def checked(self, people: Sequence[Participant]) -> list[Participant]:
-        """The people, with an error of those who cannot go into the study as their row says."""
+        """The people, with an error for those whose row does not fit into the study."""
         errors: dict[str, RehabOptError] = {}
         sessions: dict[str, Session] = {}
         for person in people:
@@ -50,7 +50,7 @@ class Recorder:
         ]
 
     def __call__(self, person: Participant, row: ResultRow, folder: Path, digest: str) -> None:
-        """Write a row; what was computed before and is in the study stays as it is.
+        """Write a row; a result of an earlier run that is already in the study stays unchanged.
 
         Raises
         ------
@@ -76,11 +76,11 @@ class Recorder:
 
 
 def study_of_many(opened: ExitStack, folder: Path | None, session: str | None, *, table: Path) -> Recorder | None:
-    """What writes rows into the study of `folder`, which `opened` closes; None without one.
+    """The recorder for the study of `folder`, which `opened` closes; None without a study.
 
     Raises
     ------
-    ConfigurationError : a session without a study; as `Study`.
+    ConfigurationError : a session without a study; or as for `Study`.
     """
     if folder is None:
         if session is not None:

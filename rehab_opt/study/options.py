@@ -1,4 +1,4 @@
-"""How a command says whose trial it makes: --study FOLDER --person P --session S --covariate KEY=VALUE."""
+"""Options of a command for its study: --study FOLDER --person P --session S --covariate KEY=VALUE."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ COVARIATES = ("group", "condition", "visit", "date")
 
 @dataclass(frozen=True)
 class Destination:
-    """Where the trials of a command go: a session of a study, and the condition under which they were done."""
+    """Target of a command's trials: a session of a study, and the condition of the trials."""
 
     folder: Path
     session: Session
     condition: str | None
 
     def add(self, trials: Sequence[Trial]) -> int:
-        """Write the trials; how many were new. Raises as `Study.add`."""
+        """Write the trials; returns the number of new ones. Raises as `Study.add`."""
         from rehab_opt.study.store import Study  # noqa: PLC0415
 
         with Study(self.folder) as study:
             return study.add(self.session, [each.under(self.condition) for each in trials])
 
     def written(self, new: int) -> str:
-        """What became of the trials, in a line."""
+        """One line about the written trials."""
         there = "" if new else " (the study has them already)"
         trials = "1 trial" if new == 1 else f"{new} trials"
         return f"{trials} into {self.folder}: {self.session.person}, {self.session.name}{there}"
@@ -57,12 +57,12 @@ class Destination:
 def destination(
     study: Path | None, person: str | None, session: str | None, covariate: Sequence[str] | None
 ) -> Destination | None:
-    """Where trials go, checked before anything is computed; None without a study.
+    """Target of the trials, checked before any computation; None without a study.
 
     Raises
     ------
-    ConfigurationError : no study where the other options need one, a covariate that is none, twice, or contradicts
-        the study; as `session_of` and `Study`.
+    ConfigurationError : options without a study; a covariate that is unknown, repeated, or contradicts the study; or as
+        for `session_of` and `Study`.
     """
     if study is None:
         for option, value in (("--person", person), ("--session", session), ("--covariate", covariate or None)):
@@ -84,11 +84,12 @@ def destination(
 
 
 def session_of(person: str | None, name: str | None, covariates: Mapping[str, str]) -> tuple[Session, str | None]:
-    """A session and a condition from texts; empty covariates are none.
+    """A session and a condition from texts; empty covariates count as not given.
 
     Raises
     ------
-    ConfigurationError : nobody, no name, a visit that is no number, labels that a `Session` or a `Trial` refuses.
+    ConfigurationError : no person or session, a visit that is not a number, or labels that a `Session` or a `Trial`
+        refuses.
     """
     for option, value in (("--person", person), ("--session", name)):
         if value is None:

@@ -1,4 +1,4 @@
-"""One person's part of a study: copied out for them, or removed because they ask for it."""
+"""One person's part of a study: copied for them, or removed at their request."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from rehab_opt.text_file import write_whole
 __all__ = ["exported", "note_written", "removed"]
 
 BESIDE_TABLE = ("groups.csv", "results.parquet")
-"""What `many` writes beside a table, and anew when it is called again."""
+"""Files that `many` writes beside a table, and rewrites in the next run."""
 COLUMNS = ("person", "group", "session", "visit", "date", "trial", "condition", "status", "measure", "value", "unit")
 
 
 def exported(study: Study, person: str | None, folder: Path, *, parquet: bool = False) -> list[Path]:
-    """Write measures.csv, and of one person a copy of all that the study holds.
+    """Write measures.csv, and for one person a copy of their whole content of the study.
 
     Parameters
     ----------
-    person : None for the measures of everybody.
-    folder : made; must not be there yet, or be empty.
-    parquet : measures.parquet beside it.
+    person : None for the measures of all people.
+    folder : is created; it must be new or empty.
+    parquet : whether to write measures.parquet, too.
 
     Raises
     ------
-    ConfigurationError : nobody of that name, a folder with something in it or that cannot be written to, no pyarrow.
+    ConfigurationError : unknown person, a folder that is not empty or not writable, or no pyarrow.
     """
     if person is not None:
         check_there(study, person)
@@ -69,7 +69,9 @@ def exported(study: Study, person: str | None, folder: Path, *, parquet: bool = 
 
 
 def _parquet(table: Path) -> Path:
-    """measures.csv as Parquet; every column but visit, trial and value is text: a pseudonym 007 is no 7."""
+    """measures.csv as Parquet; every column except visit, trial and value is text, so that a pseudonym 007 does not
+    become 7.
+    """
     try:
         import pyarrow  # noqa: PLC0415
         import pyarrow.csv  # noqa: PLC0415
@@ -87,7 +89,9 @@ def _parquet(table: Path) -> Path:
 
 
 def note_written(study: Study, paths: Iterable[Path], person: str | None) -> None:
-    """Remember exports and reports of a person, or of everybody: they go when one goes who is in them."""
+    """Store the paths of exports and reports of a person, or of all people: they are deleted with any person in
+    them.
+    """
     mark = study.folder / MARK
     with suppress(ConfigurationError), study.writing():  # where nothing can be written, nobody can be removed
         known = content_of(mark)
@@ -96,18 +100,17 @@ def note_written(study: Study, paths: Iterable[Path], person: str | None) -> Non
 
 
 def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
-    """Remove a person: what was exported and reported of them, results of runs elsewhere, their folder, their rows.
+    """Remove a person: exports and reports that include them, results of runs elsewhere, their folder, their rows.
 
-    Killed before its end, it is to be called again. What a disk keeps of a deleted file, and copies elsewhere, it does
-    not reach.
+    If it is interrupted, call it again. It does not reach copies elsewhere, or remains of deleted files on the disk.
 
     Returns
     -------
-    Recordings of theirs, which stay where they are, and exports and reports of everybody, which went with them.
+    Their recordings, which are not removed, and the removed exports and reports of all people.
 
     Raises
     ------
-    ConfigurationError : nobody has that name, or something cannot be removed.
+    ConfigurationError : unknown person, or a file that cannot be removed.
     """
     check_there(study, person)
     home, recordings, others = study.folder / person, dict[Path, None](), []
@@ -135,7 +138,7 @@ def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
 
 
 def _forget(path: Path, kind: str, person: str) -> None:
-    """A result elsewhere, or the row of a table of many people."""
+    """Remove a result elsewhere, or the row in a table of many people."""
     if kind != "table":
         path.unlink(missing_ok=True)
         with suppress(OSError):  # a folder with something else in it stays

@@ -1,4 +1,4 @@
-"""What a run, a row of many people or a scored recording is in a study: trials with measures, bounds and events."""
+"""A run, a row of a batch, or a scored recording as trials of a study, with measures, bounds and events."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ UNITS = {
     "m": "m", "m2": "m^2", "m3": "m^3", "m_s": "m/s", "mm": "mm", "deg": "deg", "deg_s": "deg/s", "rad": "rad",
     "s": "s", "ms": "ms", "N": "N", "N_s": "N/s", "J": "J",
 }  # fmt: skip
-"""Ends of the keys of metrics.json, as units."""
+"""Units by the ending of a key in metrics.json."""
 _UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
 COUNTED = {"status": "ticks", "reasons": "ticks", "relaxed": "ticks", "status_fraction": "% of ticks"}
-"""Tables of how often something happened, and in what that is counted."""
+"""Tables of counted events, with the unit of the count."""
 USUAL = "ok"
 SHARE, OF_LIMIT = "_fraction", "_fraction_of_limit"
 TRACE = "trace.csv"
@@ -53,9 +53,9 @@ def run_trials(
 
     Parameters
     ----------
-    options : that it was run with, none where None.
-    files : that it has written.
-    seconds : that it took.
+    options : options of the run; None counts as not given.
+    files : files that the run has written.
+    seconds : computing time.
     """
     given = {key: value for key, value in options.items() if value is not None}
     text = config.path.read_text(encoding="utf-8")
@@ -75,13 +75,13 @@ def run_trials(
 
 
 def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[Path] = ()) -> tuple[Trial, ...]:
-    """The trials of a run's numbers: of a scenario one for each trial of each controller; else one.
+    """The trials of a run's numbers: for a scenario one for each trial of each controller; else a single one.
 
     Parameters
     ----------
-    metrics : of an outcome, as metrics.json has them.
-    trial : what all of them have in common; with a digest. A controller is a condition.
-    files : that the run has written.
+    metrics : metrics of an outcome, as in metrics.json.
+    trial : the part that all of them share; with a digest. A controller is a condition.
+    files : files that the run has written.
     """
     stored = [*trial.files, *(StoredFile(path) for path in files)]
     trace = next((path for path in files if path.name == TRACE), None)
@@ -106,11 +106,11 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
 
 
 def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
-    """The trials of scored recordings; `how` is what they were read and measured with.
+    """The trials of scored recordings; `how` are the arguments of the scoring.
 
     Raises
     ------
-    ProblemFileError : a recording cannot be read any more.
+    ProblemFileError : a recording can no longer be read.
     """
     trials = []
     contents: dict[str, str] = {}
@@ -138,12 +138,12 @@ def _samples(of: Recording) -> dict[str, Array]:
 
 
 def versions() -> str:
-    """What computed: this library, its source and its numerics."""
+    """Versions of this library, its source and the numerical libraries."""
     return f"rehab_opt {__version__} {software_digest()}"
 
 
 def outline(points: Array) -> list[tuple[float, float]]:
-    """Convex hull [m] along the two axes of the largest extents; none of a movement on a line."""
+    """Convex hull [m] along the two axes with the largest extents; empty for a movement on a line."""
     from shapely import MultiPoint, Polygon  # noqa: PLC0415
 
     axes = np.sort(np.argsort(np.ptp(points, axis=0), kind="stable")[-2:])
@@ -174,7 +174,7 @@ def _named(key: str, value: float) -> tuple[str, float, str]:
 
 
 def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
-    """What states its own limit: `x_max_u` beside `x_limit_u`, and fractions of a limit."""
+    """Measures with a limit of their own: `x_max_u` beside `x_limit_u`, and fractions of a limit."""
     for key, value in numbers.items():
         name, _, unit = key.rpartition("_max_")
         limit = numbers.get(f"{name}_limit_{unit}")
@@ -185,7 +185,7 @@ def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
 
 
 def _events(metrics: Mapping[str, Any], above: str = "") -> Iterator[Event]:
-    """Ticks that were not "ok", reasons, bounds that gave way, and forces let go."""
+    """Number of ticks that were not "ok", by reason, of relaxed bounds, and of released forces."""
     for key, value in metrics.items():
         if key in COUNTED and isinstance(value, Mapping):
             fraction = key.endswith(SHARE)

@@ -1,4 +1,6 @@
-"""A study, or one person of it, as one page that a therapist reads in a minute; it loads nothing and runs nothing."""
+"""A study, or one person of it, as one page that a therapist reads in a minute; it loads no files and runs no
+scripts.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ __all__ = ["report_html", "write_pdf"]
 
 
 class Plain(NamedTuple):
-    """A measure in plain words, which way is better (1 more, -1 less, 0 neither), and its possible values."""
+    """A measure in plain words, its better direction (1 larger, -1 smaller, 0 neither), and its possible values."""
 
     words: str
     better: int = 0
@@ -50,11 +52,11 @@ PLAIN = {
     "workspace_volume": Plain("Workspace used", 1, 0.0),
     "area": Plain("Workspace in reach", 1, 0.0),
 }
-"""Measures that a report draws, in its order; others are drawn where none of these is there."""
+"""Measures of a report, in its order; other measures are drawn only if none of these exists."""
 SCALES = {"m": (1e3, "mm"), "m^2": (1e4, "cm²"), "m^3": (1e6, "cm³"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}
 MAX_DRAWN = 8
 MAX_OUTLINED = 40
-"""People of a group whose outlines are drawn: more hide one another."""
+"""Largest number of outlines of a group; more would hide one another."""
 DAYS_OF_A_WEEK = 7
 FEWEST_FOR_A_TREND = 4
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -62,16 +64,16 @@ Means = Mapping[Quantity, Sequence[SessionMean]]
 
 
 def report_html(study: Study, person: str | None = None, *, today: datetime.date | None = None) -> str:
-    """The page.
+    """The page as HTML.
 
     Parameters
     ----------
-    person : None for everybody.
-    today : the day that the page names.
+    person : None for all people.
+    today : the date on the page.
 
     Raises
     ------
-    ConfigurationError : nobody of that name.
+    ConfigurationError : unknown person.
     """
     import jinja2  # noqa: PLC0415
 
@@ -98,11 +100,11 @@ def report_html(study: Study, person: str | None = None, *, today: datetime.date
 
 
 def write_pdf(page: Path, pdf: Path) -> None:
-    """Print a page by a browser that is installed, without a network.
+    """Print a page to PDF with an installed browser, without a network.
 
     Raises
     ------
-    ConfigurationError : there is none, or it does not print.
+    ConfigurationError : there is no browser, or it cannot print.
     """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
@@ -130,7 +132,7 @@ def _plain(of: Quantity) -> Plain:
 
 
 def _possible(of: Interval, measure: Quantity, factor: float = 1.0) -> Interval:
-    """An interval within the values that its measure may have: no movement has fewer than one velocity peak."""
+    """An interval within the possible values of its measure: no movement has fewer than one velocity peak."""
     low, high = (factor * limit for limit in _plain(measure)[2:])
     if not low <= of.mean <= high or math.isnan(of.lower):
         return of
@@ -138,19 +140,19 @@ def _possible(of: Interval, measure: Quantity, factor: float = 1.0) -> Interval:
 
 
 def _scale(of: Quantity) -> tuple[float, str]:
-    """Factor to the unit in which a measure is shown, and that unit."""
+    """Factor to the displayed unit of a measure, and that unit."""
     return SCALES.get(of.unit, (1.0, of.unit))
 
 
 def _title(of: Quantity, *, unit: bool = False) -> str:
-    """In plain words, with what it is of, and with the unit in which it is shown."""
+    """Title in plain words, with the object of the measure and the displayed unit."""
     inside = of.name.removesuffix(_key(of)).strip(".").replace(".", ", ") if _key(of) in PLAIN else ""
     title = f"{_plain(of).words} ({inside})" if inside else _plain(of).words
     return f"{title} [{_scale(of)[1]}]" if unit and _scale(of)[1] else title
 
 
 def _table(head: str, rows: Iterable[Sequence[object]]) -> dict[str, Any]:
-    """A table whose columns are separated by commas in `head`; a cell that is nothing is a dash."""
+    """A table with the columns in `head`, separated by commas; an empty cell is a dash."""
     return {"head": head.split(", "), "rows": [["-" if cell is None else cell for cell in row] for row in rows]}
 
 
@@ -166,10 +168,10 @@ def _facts(study: Study, person: str | None) -> str:
 
 
 def _changes(means: Means) -> dict[str, Any]:
-    """Of each measure and condition a row: first and last session, and whether what lies between is a clear change.
+    """One row for each measure and condition: first and last session, and whether the change is clear.
 
-    From four sessions on it is where the interval of the slope through their means leaves out zero, else
-    where the intervals of first and last mean are apart.
+    With four sessions or more, it is clear if the interval of the slope excludes zero; else, if the intervals of first
+    and last mean do not overlap.
     """
     rows = []
     for measure, of in means.items():
@@ -195,7 +197,7 @@ def _changes(means: Means) -> dict[str, Any]:
 
 
 def _charts(means: Means, *, single: bool) -> dict[str, Any]:
-    """A chart of each measure over the sessions, under each condition."""
+    """A chart of each measure over the sessions, for each condition."""
     every = [each for of in means.values() for each in of]
     alone = single or len({each.group for each in every}) == 1
 
@@ -238,7 +240,7 @@ def _day(of: SessionMean) -> int:
 
 
 def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | None:
-    """Weeks from a person's first day on, where every session has a day and one person at least comes for weeks."""
+    """Weeks from a person's first day, if every session has a date and at least one person has sessions over weeks."""
     if not all(each.date for each in means):
         return None
     days: dict[str, list[int]] = defaultdict(list)
@@ -251,7 +253,9 @@ def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | Non
 
 
 def _ground(study: Study, person: str | None) -> Iterator[dict[str, str]]:
-    """Of a person each session's ground, from light to dark, first and last in colour; of groups those two."""
+    """For a person the area of each session, from light to dark, first and last in colour; for groups only these
+    two.
+    """
     from shapely import MultiPoint  # noqa: PLC0415
 
     groups: dict[str, list[list[Any]]] = defaultdict(list)
@@ -294,7 +298,7 @@ def _trends(means: Means) -> dict[str, Any]:
 
 
 def _contrasts(means: Means) -> dict[str, Any]:
-    """Of people who had two conditions, how much these differ within them."""
+    """For people with two conditions, the difference between the conditions within each person."""
     rows = []
     for measure, of in means.items():
         own = {name: summary.of_people(part) for name, part in grouped(of, _condition).items()}
@@ -327,7 +331,7 @@ def _people(study: Study, person: str | None) -> dict[str, Any]:
 
 
 def _safety(study: Study, person: str | None) -> dict[str, str]:
-    """Events and bounds in a line: green only where bounds are known, and all of them were kept."""
+    """Events and bounds in one line: green only if bounds are known and all of them were satisfied."""
     found, limits = summary.events(study, person), summary.bounds(study, person)
     stating, trials = summary.stating_safety(study, person)
     passed = sum(over for *_, over, _ in limits)
@@ -342,7 +346,7 @@ def _safety(study: Study, person: str | None) -> dict[str, str]:
 
 
 def _bounds(study: Study, person: str | None) -> dict[str, Any]:
-    """How near bounds came, kinds of safety events, and every one of them."""
+    """Smallest distances to bounds, kinds of safety events, and each event."""
     limits, found = summary.bounds(study, person), summary.events(study, person)
     nearest = [
         [
@@ -375,7 +379,7 @@ def _condition(of: SessionMean) -> str:
 
 
 def _number(value: float, *, within: float = 0.0) -> str:
-    """Three figures, or as many more as separate numbers `within`."""
+    """Three significant digits, or as many more as distinguish numbers `within`."""
     if not math.isfinite(value):
         return "-"
     figures = 3

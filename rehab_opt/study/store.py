@@ -1,9 +1,9 @@
-"""A study is a folder of trials, each whole or not at all, from any number of processes; questions go to its index.
+"""A study is a folder of trials, each complete or absent, written by any number of processes; queries go to its index.
 
 study/P01/person.json                 {"group": "stroke"}
 study/P01/week 1/session.json         {"visit": 1, "date": "2026-11-23"}
 study/P01/week 1/001/                 trial.json, trace.csv and the metrics.json of a run
-study/study.json, index.db            what was exported; an index, made anew where it is absent
+study/study.json, index.db            list of exports; an index, rebuilt if it is missing
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class Study(Index):
 
     Parameters
     ----------
-    folder : made where it is absent; its owner alone may enter.
-    create : False to refuse a folder that is absent.
+    folder : is created if it is missing; only its owner may enter.
+    create : False refuses a missing folder.
 
     Raises
     ------
-    ConfigurationError : no study, or it cannot be read.
+    ConfigurationError : the folder is no study, or cannot be read.
     """
 
     def __init__(self, folder: str | Path, *, create: bool = True) -> None:
@@ -71,7 +71,7 @@ class Study(Index):
         super().__init__(folder)
 
     def __enter__(self) -> Self:
-        """Itself."""
+        """The study."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -84,7 +84,7 @@ class Study(Index):
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Nobody else writes meanwhile.
+        """Context in which no other process writes.
 
         Raises
         ------
@@ -94,14 +94,14 @@ class Study(Index):
             yield
 
     def add(self, session: Session, trials: Trial | Sequence[Trial]) -> int:
-        """Write trials, one after another; how many were new.
+        """Write trials, one after the other; returns the number of new ones.
 
-        A trial of the session with the same digest that is done is not written again; one that failed is replaced.
-        Covariates of a session or a person that are not given now stay.
+        A finished trial of the session with the same digest is not written again; a failed one is replaced. Covariates
+        of a session or a person that are not given now stay unchanged.
 
         Raises
         ------
-        ConfigurationError : another group, visit or date than the study has; a folder that cannot be written to.
+        ConfigurationError : group, visit or date differ from those in the study; a folder that cannot be written to.
         """
         new, copies = 0, dict[int, Path]()  # a trace that several trials have lies on the disk once
         with self.writing():
@@ -122,14 +122,14 @@ class Study(Index):
         return new
 
     def check(self, session: Session) -> None:
-        """Refuse what `add` refuses of a session, and a folder that cannot be written to; nothing of it is kept."""
+        """Raise the errors of `add` for a session and its folder, without writing."""
         with self.writing():
             _agreed(self.folder / session.person / PERSON, {"group": session.group}, session.person)
             dated = {"visit": session.visit, "date": session.date}
             _agreed(self.folder / session.person / session.name / SESSION, dated, session.name)
 
     def admit(self, sessions: Iterable[Session]) -> list[ConfigurationError | None]:
-        """Make room for sessions; of each None, or why it does not fit."""
+        """Create the folders of sessions; for each None, or the reason why it does not fit."""
         refusals: list[ConfigurationError | None] = []
         with self.writing():
             for session in sessions:
@@ -142,7 +142,7 @@ class Study(Index):
         return refusals
 
     def _room(self, session: Session) -> Path:
-        """The folder of a session, made, with what is known of the person and of it."""
+        """The folder of a session, created with the known facts about person and session."""
         home = self.folder / session.person / session.name
         files = {
             home.parent / PERSON: _agreed(home.parent / PERSON, {"group": session.group}, session.person),
@@ -155,7 +155,7 @@ class Study(Index):
         return home
 
     def _write(self, trial: Trial, home: Path, copies: dict[int, Path]) -> None:
-        """The trial's folder, by the next number: under another name until it is whole and on the disk."""
+        """The trial's folder, with the next free number; it has a temporary name until it is complete on disk."""
         shutil.rmtree(home / PARTIAL, ignore_errors=True)  # of a process that was killed
         numbers = [int(each) for each in os.listdir(home) if each.isascii() and each.isdecimal()]
         scratch, target = home / PARTIAL, home / f"{1 + max(numbers, default=0):03}"
@@ -179,7 +179,7 @@ class Study(Index):
             os.close(at)
 
     def _known_by(self, trial: Trial, folder: Path) -> None:
-        """Add files outside to those of a trial that is there: they leave with the person, too."""
+        """Add external files to those of an existing trial: they are removed with the person, too."""
         (before,) = trials_in(folder)
         files = dict.fromkeys((*before.files, *_storable(trial).files))
         if len(files) > len(before.files):
@@ -188,18 +188,18 @@ class Study(Index):
 
 
 def private(path: Path, content: str | bytes) -> Path:
-    """Write a file that only its owner may read: whole, or not at all."""
+    """Write a file that only its owner may read: completely, or not at all."""
     return write_whole(path, content.encode() if isinstance(content, str) else content, mode=0o600)
 
 
 def _storable(trial: Trial) -> Trial:
-    """The trial with paths from the root, and the numbers that are there."""
+    """The trial with absolute paths, and without missing numbers."""
     files = [each._replace(path=each.path.absolute()) for each in trial.files]
     return replace(trial, files=files, measures=[each for each in trial.measures if math.isfinite(each[1])])
 
 
 def _agreed(file: Path, facts: Mapping[str, Any], who: str) -> dict[str, Any]:
-    """What a file says and what is new of it.
+    """Content of a file together with new facts.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Numbers of a study: who came how often, how a measure went, which trials stand out, what was near to its bound."""
+"""Numbers of a study: sessions of each person, course of a measure, extreme trials, distances to bounds."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ __all__ = [
 T = TypeVar("T")
 FROM = "FROM sessions s JOIN trials t ON t.session = s.id"
 IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.name"
-"""Of sessions: by visit, then by date, then by name."""
+"""Order of sessions: by visit, then date, then name."""
 
 
 class Interval(NamedTuple):
-    """A mean and its 95 % confidence interval (Student's t), of `n` values; NaN ends where there is one."""
+    """A mean and its 95 % confidence interval (Student's t), of `n` values; its ends are NaN for one value."""
 
     mean: float
     lower: float
@@ -36,7 +36,7 @@ class Interval(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """A measure by its name and unit; "" where its name says the unit, or it has none."""
+    """A measure by its name and unit; the unit is "" if the name includes it, or if there is none."""
 
     id: int
     name: str
@@ -49,7 +49,9 @@ class Quantity(NamedTuple):
 
 
 class SessionMean(NamedTuple):
-    """One person's session under one condition: its place among theirs, from 0, and its trials' values and mean."""
+    """One person's session under one condition: its number for this person, from 0, its trials' values, and their
+    mean.
+    """
 
     person: str
     group: str | None
@@ -62,7 +64,7 @@ class SessionMean(NamedTuple):
 
 
 def interval(values: Sequence[float]) -> Interval:
-    """Mean of values and its 95 % confidence interval, as if they were independent and normal."""
+    """Mean of values and its 95 % confidence interval, for independent, normal values."""
     n = len(values)
     mean = math.fsum(values) / n if n else math.nan
     # hypot, since squares of what is absurdly large are no numbers any more
@@ -71,7 +73,7 @@ def interval(values: Sequence[float]) -> Interval:
 
 
 def trend(means: Sequence[float]) -> Interval:
-    """Slope of the straight line through values one after another, and its 95 % confidence interval; three at least."""
+    """Slope of a straight line through a sequence of at least three values, and its 95 % confidence interval."""
     n, slope = len(means), _slope(range(len(means)), means)
     x, y = (n - 1) / 2, math.fsum(means) / n
     rest = math.hypot(*(value - y - slope * (i - x) for i, value in enumerate(means)))
@@ -88,7 +90,7 @@ def _within(middle: float, spread: float, freedom: int, n: int) -> Interval:
 
 
 def _slope(x: Sequence[int], y: Sequence[float]) -> float:
-    """Of the straight line of least squares; NaN where all x are one."""
+    """Slope of the least-squares line; NaN if all x are equal."""
     middle, mean = math.fsum(x) / len(x), math.fsum(y) / len(y)
     spread = math.fsum((each - middle) ** 2 for each in x)
     rise = math.fsum((each - middle) * (value - mean) for each, value in zip(x, y, strict=True))
@@ -96,24 +98,24 @@ def _slope(x: Sequence[int], y: Sequence[float]) -> float:
 
 
 def check_there(study: Study, person: str) -> None:
-    """Refuse a person that a study does not know.
+    """Raise an error for an unknown person.
 
     Raises
     ------
-    ConfigurationError : nobody of that name.
+    ConfigurationError : unknown person.
     """
     if not study.rows("SELECT 1 FROM sessions WHERE person = ?", (person,)):
         raise ConfigurationError("--person", person, "somebody in this study (rehab-opt study list says who)")
 
 
 def overview(study: Study) -> Any:
-    """How many people, sessions and trials, how many of these are not done, and the first and the last day."""
+    """Number of people, sessions and trials, number of unfinished trials, first and last day."""
     counts = "count(DISTINCT person), count(*), (SELECT count(*) FROM trials), (SELECT count(*) FROM trials WHERE"
     return study.rows(f"SELECT {counts} status <> ?), min(date), max(date) FROM sessions", (DONE,))[0]
 
 
 def people(study: Study, person: str | None = None) -> list[Any]:
-    """Everybody by name, or one: name, group, sessions, trials and the last day."""
+    """All people by name, or one: name, group, sessions, trials and the last day."""
     of, who = _of_person(person)
     question = (
         'SELECT s.person, s."group", count(DISTINCT s.id), count(t.id), max(s.date) FROM sessions s '
@@ -123,7 +125,7 @@ def people(study: Study, person: str | None = None) -> list[Any]:
 
 
 def quantities(study: Study, person: str | None = None) -> list[Quantity]:
-    """Measures that there are, of everybody or of one person, in the order in which they came first."""
+    """Measures of all people or of one, in order of first occurrence."""
     of, who = _of_person(person)
     measured = f"{FROM} JOIN measures m ON m.trial = t.id JOIN quantities q ON q.id = m.quantity WHERE {of}"
     question = "FROM quantities q" if person is None else measured
@@ -131,11 +133,11 @@ def quantities(study: Study, person: str | None = None) -> list[Quantity]:
 
 
 def quantity(study: Study, name: str) -> Quantity:
-    """The measure of a name, or of `name [unit]`.
+    """The measure with a name, or with `name [unit]`.
 
     Raises
     ------
-    ConfigurationError : there is none, or in two units.
+    ConfigurationError : there is no such measure, or it has two units.
     """
     known = quantities(study)
     found = [each for each in known if name in (each.name, f"{each.name} [{each.unit}]")]
@@ -148,7 +150,7 @@ def quantity(study: Study, name: str) -> Quantity:
 
 
 def sessions(study: Study, person: str) -> list[Any]:
-    """A person's sessions and conditions: name, visit, day, condition, trials, and how many of them are not done."""
+    """A person's sessions and conditions: name, visit, day, condition, trials, unfinished trials."""
     question = (
         "SELECT s.name, s.visit, s.date, t.condition, count(t.id), coalesce(sum(t.status <> ?1), 0) FROM sessions s "
         "LEFT JOIN trials t ON t.session = s.id "
@@ -160,9 +162,9 @@ def sessions(study: Study, person: str) -> list[Any]:
 def session_means(
     study: Study, measures: Sequence[Quantity], person: str | None = None
 ) -> dict[Quantity, list[SessionMean]]:
-    """Of each measure every session's mean under each condition, in the order of the sessions.
+    """For each measure the mean of every session under each condition, in the order of the sessions.
 
-    Trials that are not done, or without the number, do not count. The values are there for one person alone.
+    Unfinished trials, and trials without the number, do not count. The values are included only for a single person.
     """
     of, who = _of_person(person)
     question = (
@@ -181,12 +183,12 @@ def session_means(
 
 
 def _of_person(person: str | None) -> tuple[str, tuple[str, ...]]:
-    """What restricts a question to a person, if to any; no OR, which no index serves."""
+    """Condition of a query that selects one person, if given; it has no OR, for which no index helps."""
     return ("1", ()) if person is None else ("s.person = ?", (person,))
 
 
 def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> dict[T, list[SessionMean]]:
-    """Sessions by what `key` says of them, in its order."""
+    """Sessions grouped by `key`, in its order."""
     found: dict[T, list[SessionMean]] = defaultdict(list)
     for each in means:
         found[key(each)].append(each)
@@ -200,7 +202,9 @@ def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
-    """Each person's own straight line through their sessions: change a session; of those with two sessions or more."""
+    """Slope of each person's straight line through their sessions [per session]; for people with at least two
+    sessions.
+    """
     by_person = grouped(means, lambda each: each.person)
     found = {
         person: _slope([each.order for each in own], [each.mean for each in own]) for person, own in by_person.items()
@@ -209,9 +213,9 @@ def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, largest: bool, person: str | None) -> Any:
-    """Of the trials that are done the one with the largest or the smallest value of a measure within `ends`.
+    """The finished trial with the largest or smallest value of a measure within `ends`:
 
-    Its person, session, day, number, condition and value; None without any.
+    its person, session, day, number, condition and value; None if there is none.
     """
     of, who = _of_person(person)
     question = (  # SQLite takes the bare columns from the row of the extreme
@@ -223,7 +227,7 @@ def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, large
 
 
 def events(study: Study, person: str | None = None) -> list[Any]:
-    """Every safety event: person, session, day and number of the trial; what, how many times, counted in what."""
+    """Every safety event: person, session, day and number of the trial; kind, count, and unit of the count."""
     of, who = _of_person(person)
     question = (
         f"SELECT s.person, s.name, s.date, t.number, e.text, e.times, e.unit {FROM} JOIN events e ON e.trial = t.id "
@@ -233,9 +237,9 @@ def events(study: Study, person: str | None = None) -> list[Any]:
 
 
 def bounds(study: Study, person: str | None = None) -> list[Any]:
-    """Of each limit the nearest that a trial came, the nearest of all first.
+    """For each limit the closest approach of any trial, the closest of all first:
 
-    Its name, that value, the bound, their unit, how many trials passed it, and of how many.
+    name, value, bound, unit, number of trials that passed it, number of all its trials.
     """
     of, who = _of_person(person)
     question = (
@@ -246,7 +250,7 @@ def bounds(study: Study, person: str | None = None) -> list[Any]:
 
 
 def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
-    """How many trials state a bound or a safety event, and how many there are."""
+    """Number of trials that state a bound or a safety event, and number of all trials."""
     of, who = _of_person(person)
     states = "(EXISTS (SELECT 1 FROM bounds WHERE trial = t.id) OR EXISTS (SELECT 1 FROM events WHERE trial = t.id))"
     ((stating, trials),) = study.rows(f"SELECT coalesce(sum({states}), 0), count(*) {FROM} WHERE {of}", who)
@@ -254,9 +258,9 @@ def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
 
 
 def ground(study: Study, person: str | None = None) -> dict[tuple[str, str], dict[str, Any]]:
-    """By group and person, by session in order, the corners [m] of the ground that the hand covered in its trials.
+    """By group and person, then by session in order, the corners [m] of the area that the hand covered.
 
-    Of everybody the first session and the last one alone, where there are two.
+    For all people only the first and the last session, if there are two.
     """
     of, who = _of_person(person)
     places = "o.sessions > 1 AND o.place IN (1, o.sessions)" if person is None else "1"

@@ -1,4 +1,4 @@
-"""What a study keeps of a trial, and of the session that it belongs to."""
+"""Content of a trial in a study, and of its session."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["DONE", "Bound", "Event", "ProblemText", "Session", "StoredFile", "Tr
 
 DONE = "done"
 LONGEST_LABEL, LONGEST_FOLDER = 100, 200
-"""Letters of a label; bytes of one that names a folder."""
+"""Largest number of characters of a label, and of bytes if it names a folder."""
 MAX_VISIT = 10_000
 FORBIDDEN = frozenset('/\\:*?"<>|')
 OWN = frozenset({"study.json", "index.db", "index.db-journal"})
 
 
 class Bound(NamedTuple):
-    """A limit of a trial, and what came nearest to it; both in `unit`."""
+    """A limit of a trial, and the value closest to it; both in `unit`."""
 
     name: str
     value: float
@@ -33,7 +33,7 @@ class Bound(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something of safety that happened: what, and how many times, counted in `unit`."""
+    """A safety event: its kind, and its count in `unit`."""
 
     text: str
     times: float
@@ -41,10 +41,10 @@ class Event(NamedTuple):
 
 
 class StoredFile(NamedTuple):
-    """A file outside of the study that has a trial in it.
+    """A file outside the study that contains a trial.
 
-    Of kind "result" this library wrote it and it leaves with the person; a "recording" is somebody else's and stays;
-    a "table" has a row for each of many people.
+    A "result" was written by this library and is removed with the person; a "recording" belongs to others and stays; a
+    "table" has a row for each of many people.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class StoredFile(NamedTuple):
 
 
 class ProblemText(NamedTuple):
-    """A problem as it was run: TOML as the file has it, or JSON of what a row of a table made of it."""
+    """A problem as it was run: TOML from a file, or JSON from the row of a table."""
 
     name: str
     text: str
@@ -64,16 +64,16 @@ class Session:
 
     Parameters
     ----------
-    person : pseudonym such as "P01", without blanks, commas or @: a study holds no names and no addresses.
+    person : pseudonym such as "P01", without blanks, commas or @: a study has no names and no addresses.
     name : of the session, unique for the person.
     group : of the person, such as "stroke".
-    visit : its number, 0 or more.
-    date : ISO, such as 2026-11-23.
+    visit : number of the visit, 0 or more.
+    date : in ISO format, such as 2026-11-23.
 
     Raises
     ------
-    ConfigurationError : a label that `checked_label` refuses or that no folder can have, a person that looks like a
-        name, no visit, no date.
+    ConfigurationError : a label that `checked_label` refuses or that cannot name a folder, a person that looks like a
+        name, an invalid visit or date.
     """
 
     person: str
@@ -83,7 +83,7 @@ class Session:
     date: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be kept."""
+        """Raise an error for invalid values."""
         for argument, label in (("person", self.person), ("session", self.name)):
             bad = FORBIDDEN & set(checked_label(argument, label)) or label[0] == "." or label[-1] == "." or label in OWN
             if bad or len(label.encode()) > LONGEST_FOLDER:
@@ -106,20 +106,21 @@ class Session:
 
 @dataclass(frozen=True)
 class Trial:
-    """A finished trial; a study keeps all of it or none.
+    """A finished trial; a study stores all of it or none.
 
     Parameters
     ----------
-    kind : what made it: "run", "many", "score" or "live".
-    measures : names, numbers and units, such as `Measure`; a number that is not finite is left out, a note says why.
-    condition : under which it was done, such as "assisted".
-    digest : of everything it depends on: a session has a trial of one digest once. None for what happens once.
-    status : "done", or why `error` says it is not.
-    seconds : what computing it took [s].
-    problem, software : as it was run, and with which versions.
-    trace : samples, of which the study keeps a copy: a .csv, or columns (N,) by name.
-    files : outside of the study; the metrics.json among them is copied, too.
-    outline : closed polygon (N, 2) [m] of the ground that the hand covered.
+    kind : source of the trial: "run", "many", "score" or "live".
+    measures : names, numbers and units, such as `Measure`; a number that is not finite is left out, with a note.
+    condition : condition of the trial, such as "assisted".
+    digest : digest of all inputs: a session has at most one trial with each digest. None for a trial that cannot be
+        repeated.
+    status : "done", or another status with a reason in `error`.
+    seconds : computing time [s].
+    problem, software : the problem of the run, and the versions of the software.
+    trace : samples, which the study copies: a .csv, or columns (N,) by name.
+    files : files outside the study; a metrics.json among them is copied, too.
+    outline : closed polygon (N, 2) [m] of the area that the hand covered.
     """
 
     kind: str
@@ -139,7 +140,7 @@ class Trial:
     outline: Sequence[tuple[float, float]] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a condition that is no label, a measure twice, and numbers that no report could print."""
+        """Raise an error for an invalid condition, a repeated measure, and numbers that a report cannot print."""
         if self.condition is not None:
             checked_label("condition", self.condition)
         names = [(name, unit) for name, _, unit in self.measures]
@@ -152,17 +153,17 @@ class Trial:
                 raise ConfigurationError(what, number, "a finite number")
 
     def under(self, condition: str | None) -> Trial:
-        """The trial under a condition, if any, which comes before the one that it has, such as a controller."""
+        """The trial with a condition, if any, put before its own, such as a controller."""
         return replace(self, condition=", ".join(filter(None, (condition, self.condition))) or None)
 
 
 def checked_label(argument: str, label: str) -> str:
-    """A pseudonym, session, group or condition.
+    """A checked pseudonym, session, group or condition.
 
     Raises
     ------
-    ConfigurationError : no text, empty, longer than 100 characters, not printable, with blanks at an end, or what a
-        spreadsheet would compute: these go into tables.
+    ConfigurationError : not a text, empty, longer than 100 characters, not printable, with blanks at an end, or a
+        formula for a spreadsheet, since these appear in tables.
     """
     ok = isinstance(label, str) and 0 < len(label) <= LONGEST_LABEL and not is_formula(label)
     if not (ok and label.isprintable() and label == label.strip()):

@@ -1,4 +1,4 @@
-"""`MirrorTracker` of `system = "mirror"`, as it runs tick by tick; a plan needs no C."""
+"""`MirrorTracker` of `system = "mirror"`, tick by tick; a plan needs no C."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ Array = NDArray[np.float64]
 
 NAME = "mirror_tracker"
 MEMORY = 96_000
-"""[bytes] of its struct by default."""
+"""[bytes] Default size of its struct."""
 LEAST = 16
-"""The fewest samples that wait."""
+"""Least size of the buffer of reference samples."""
 CALL = (
     f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist,{{moving}} "
     "tick->with_force ? tick->force : NULL, tick->enable, tick->stamp, out);"
@@ -67,7 +67,7 @@ FORCED = {
     "pose": "the mirrored pose of the tool now", "force_argument": "const double *force,",
     "scale": "; scale: the time scaling, at most 1", "null_input": "An input other than force",
 }  # fmt: skip
-"""What its step takes and says besides that of a `PoseTracker`."""
+"""Arguments and texts of its step that a `PoseTracker` lacks."""
 DIFFERENCES = (
     NO_BACKUP,
     "`plan`, which knows the whole recording, is not there. A controller that may wait for a file may run in Python.",
@@ -93,12 +93,12 @@ OF_A_PERSON = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExportedMirror(ExportedVelocity):
-    """A tracker of mirrored poses.
+    """A tracker of mirrored poses for export.
 
     Parameters
     ----------
-    tracker : what answers in Python.
-    waiting : samples of the reference that wait at most.
+    tracker : the controller in Python.
+    waiting : size of the buffer of reference samples.
     """
 
     tracker: MirrorTracker
@@ -124,7 +124,7 @@ class ExportedMirror(ExportedVelocity):
         return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
 
     def shape(self) -> dict[str, str]:
-        """Those of the controllers, and the constants of clock, pace and forces."""
+        """Template values: those of the controllers, and the constants of clock, pace and forces."""
         shape = super().shape()
         numbers = int(shape["numbers"]) + SAMPLE.size * (self.waiting + _besides(self.tracker)) + 120
         return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
@@ -133,11 +133,11 @@ class ExportedMirror(ExportedVelocity):
 def exported_mirror_problem(
     config: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
 ) -> ExportedMirror:
-    """The tracker of a problem file, and what it does along the recording.
+    """The tracker of a problem file, with its run along the recording.
 
     Raises
     ------
-    ProblemFileError : a recording or a value of the file that cannot be used.
+    ProblemFileError : an invalid recording or value of the file.
     """
     problem, scene = config.problem, laid_out(config)
     tracker = tracker_of(problem, scene, file=config.file)
@@ -160,21 +160,20 @@ def exported_mirror(
     memory: int = MEMORY,
     progress: Progress = lambda *_: None,
 ) -> ExportedMirror:
-    """The tracker, and what it answers where its robot moves as commanded.
+    """The tracker, with a recorded run of a robot that moves as commanded.
 
     Parameters
     ----------
     tracker : it is reset.
-    start : (n,) [rad, m] where its robot begins, at rest.
-    poses, twists : (N, 4, 4), (N, 6) what is asked for, tick by tick; as much of it as a recorded run holds.
-    bodies : (N, k, 14) what moves, by `moving_numbers`, where the tracker gets that.
-    title, source : what it is and where the poses come from, in a few words.
-    memory : [bytes] of its struct at most; what the rest leaves holds samples of the reference that wait.
+    start : (n,) [rad, m] starting position of its robot, at rest.
+    poses, twists : (N, 4, 4), (N, 6) reference of each tick; the part that fits into a recorded run is used.
+    bodies : (N, k, 14) moving capsules from `moving_numbers`, for a tracker with such bodies.
+    title, source : short description of the tracker, and of the origin of the poses.
+    memory : [bytes] largest size of its struct; the rest of it is the buffer of reference samples.
 
     Raises
     ------
-    ConfigurationError : a solver that does not become C, a chain of more joints than a command has room for, or less
-        memory than it takes.
+    ConfigurationError : a solver without C code, a chain with too many joints for a command, or too little memory.
     """
     limit = tracker._limit
     laws = [Law("mirror", tracker)]
@@ -251,7 +250,7 @@ PERSON_MEMBERS = (
 
 
 def _besides(tracker: MirrorTracker) -> int:
-    """Samples that there is room for besides those that may wait: a bridge's two, and two windows."""
+    """Samples of the buffer besides the waiting ones: two of a bridge, and two windows."""
     return 2 + 2 * tracker.pace.window
 
 
@@ -266,7 +265,7 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
-    """Fields of the templates of clock, pace and forces."""
+    """Template values of clock, pace and forces."""
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
@@ -278,18 +277,19 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
 
 
 PUSH = 12.0
-"""[N] Largest force of a push that turns the hand aside in the recorded run; once it is beyond what stops the arm."""
+"""[N] Largest force of a push that displaces the hand in the recorded run; one push exceeds the force that stops the
+arm."""
 
 
 def mirror_run(
     tracker: MirrorTracker, start: Array, poses: Array, twists: Array, bodies: Array | None, *, source: str,
     progress: Progress,
 ) -> Run:  # fmt: skip
-    """The tracker's run along poses (N, 4, 4), twists (N, 6) from q = start, as many as a recorded run holds.
+    """The tracker's run along poses (N, 4, 4) and twists (N, 6) from q = start, as many as fit into a recorded run.
 
-    Faults and forces are in it, and the robot moves as commanded.
+    It includes faults and forces, and the robot moves as commanded.
 
-    `bodies` (N, k, 14) are those that move, None where there are none. `source` says where the poses come from.
+    `bodies` (N, k, 14) are moving capsules, or None. `source` describes the origin of the poses.
     """
     count = min(len(poses), MAX_TICKS)
     pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.stop_at
@@ -323,7 +323,7 @@ def _answer(tracker: MirrorTracker, tick: RunTick) -> Command:
 
 
 def _force(k: int, pushed: range, strong: float) -> Array:
-    """(3,) [N] a push that comes and goes, for five ticks as strong as that."""
+    """(3,) [N] a push that grows and fades, with the force `strong` for five ticks."""
     if k not in pushed:
         return np.zeros(3)
     fraction = (k - pushed.start) / len(pushed)
@@ -332,7 +332,7 @@ def _force(k: int, pushed: range, strong: float) -> Array:
 
 
 def _faults(tracker: MirrorTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """What can be wrong with a tick besides, and what is only unusual."""
+    """Further faults of a tick, and unusual but valid inputs."""
     chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
 
     def jumped(tick: RunTick) -> RunTick:
