@@ -288,12 +288,11 @@ def list_problems() -> None:
     """List the shipped problems, and whether their recordings are present."""
     from rich.table import Column, Table  # noqa: PLC0415
 
-    from rehab_opt.session.files import load_problem, recording_state, shipped_problems  # noqa: PLC0415
+    from rehab_opt.session.files import recording_state, shipped_problems  # noqa: PLC0415
 
     table = Table(Column("problem", no_wrap=True), "title", "recording")
     for name in shipped_problems():
-        config = load_problem(name)
-        table.add_row(name, config.problem.title, recording_state(config))
+        table.add_row(name, *recording_state(name))
     printer().print(table)
 
 

@@ -199,7 +199,7 @@ def test_list_names_every_problem_and_whether_its_data_is_there(
     printed = capsys.readouterr().out
     assert all(name in printed for name in shipped_problems())
     assert "absent: data:pen_trace/signal.svc" in printed
-    assert "shipped" in printed
+    assert "none to fetch" in printed
 
 
 def test_check_accepts_a_sound_problem_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

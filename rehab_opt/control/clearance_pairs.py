@@ -8,7 +8,7 @@ number.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cache, cached_property, reduce
 from typing import NamedTuple
 
 import casadi as ca
@@ -60,6 +60,7 @@ class Kind(NamedTuple):
     """(9, 5); the last number of each contact is its rank."""
 
 
+@cache
 def _kinds() -> tuple[Kind, Kind]:
     """Kinds: two capsules, from a column of 19 numbers; capsule and box, from a column of 22."""
     c, b, numbers = ca.SX.sym("column", 19), ca.SX.sym("column", 22), ca.SX.sym("approach", APPROACH)
@@ -81,9 +82,6 @@ def _kinds() -> tuple[Kind, Kind]:
             )
         )
     return made[0], made[1]
-
-
-KINDS = _kinds()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +126,7 @@ class ClearancePairs:
         """`q`, moving capsules, time -> distance of every pair less the margin [m]."""
         q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("time")
         *columns, _, heights, _ = self._placed(q, told, time)
-        apart = [each for cells, kind in zip(columns, KINDS, strict=True) for each in _mapped(kind.distance, cells)]
+        apart = [each for cells, kind in zip(columns, _kinds(), strict=True) for each in _mapped(kind.distance, cells)]
         return ca.Function("distances", [q, told, time], [ca.vertcat(*(each.T for each in apart), heights)])
 
     @cached_property
@@ -145,7 +143,7 @@ class ClearancePairs:
         *columns, balls, _, screws = self._placed(q + last * time / 2, told, time / 2)
         *approaches, rooms = self._approaches(screws, last, balls)
         contacts, spans = [ca.vertcat(balls, rooms)], [ca.MX(ca.DM(self._spans_of_balls))]
-        parts = (columns, approaches, KINDS, self._looked_at, self._spans)
+        parts = (columns, approaches, _kinds(), self._looked_at, self._spans)
         for cells, near, kind, looked_at, span in zip(*parts, strict=True):
             if not looked_at:
                 continue
@@ -396,7 +394,7 @@ def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, i
     for i, j in apart:
         radii = np.full((SAMPLES, 1), links[i].radius + links[j].radius)
         columns = np.hstack([places[:, i].reshape(SAMPLES, 6), places[:, j].reshape(SAMPLES, 6), still, radii])
-        if np.mean(np.array(KINDS[0].distance.map(SAMPLES)(columns.T)) < 0) < MOSTLY:
+        if np.mean(np.array(_kinds()[0].distance.map(SAMPLES)(columns.T)) < 0) < MOSTLY:
             found.append((i, j))
     return tuple(found)
 

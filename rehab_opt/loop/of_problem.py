@@ -34,7 +34,7 @@ from rehab_opt.recordings.data_folder import PREFIX
 from rehab_opt.session.files import ProblemFile, load_problem, recording_path
 from rehab_opt.session.live.problem import AT_REST, NOWHERE, LiveControl, LiveInputs, LiveProblem
 from rehab_opt.session.run import live_problem
-from rehab_opt.session.systems import system_named
+from rehab_opt.session.systems import needed_files
 
 __all__ = [
     "BUTTONS",
@@ -280,7 +280,7 @@ def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
     Files in the data folder are left out, because they belong to other people.
     """
     files, home = {TEXT: config.path.read_bytes()}, _home(config)
-    for needed in system_named(config.problem.system).recordings(config.problem):
+    for needed in needed_files(config.problem):
         if needed.reference.startswith(PREFIX):
             continue
         path = recording_path(config, needed.reference, key=needed.key)
@@ -295,6 +295,6 @@ def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
 
 def _home(config: ProblemFile[Any]) -> PurePosixPath:
     """The problem's folder relative to the folder that contains all of its files."""
-    needed = system_named(config.problem.system).recordings(config.problem)
-    above = max((PurePosixPath(each.reference).parts.count("..") for each in needed), default=0)
+    references = (PurePosixPath(each.reference) for each in needed_files(config.problem))
+    above = max((each.parts.count("..") for each in references), default=0)
     return PurePosixPath(*config.path.resolve().parent.parts[-above:]) if above else PurePosixPath()

@@ -6,6 +6,7 @@ import difflib
 import importlib.resources
 import os
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from pydantic import ValidationError
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.data_folder import ENVIRONMENT, PREFIX, data_file
 from rehab_opt.session.schema import FORMS, Problem
-from rehab_opt.session.systems import ROBOT_FILE, ProblemFile, system_named, systems
+from rehab_opt.session.systems import ROBOT_FILE, SHIPPED, ProblemFile, system_named, systems
 from rehab_opt.text_file import MAX_PROBLEM_SIZE, brief, check_key_depth, shown, whole_text
 
 __all__ = [
@@ -156,7 +157,7 @@ def problem_of(content: dict[str, Any], *, name: str, file: str, path: Path) -> 
     ProblemFileError : an unknown system or key, or a value out of range.
     """
     system = content.get("system")
-    if not isinstance(system, str) or system not in systems():
+    if not isinstance(system, str) or (system not in SHIPPED and system not in systems()):
         raise ProblemFileError(file, "system", brief(system), f"one of {', '.join(systems())}")
     try:
         return ProblemFile(name=name, file=file, path=path, problem=system_named(system).schema.model_validate(content))
@@ -209,17 +210,30 @@ def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "
     return path
 
 
-def recording_state(config: ProblemFile[Problem]) -> str:
-    """Whether the recordings of a problem are available, in a few words."""
-    needed = system_named(config.problem.system).recordings(config.problem)
-    for each in needed:
+def recording_state(file: str) -> tuple[str, str]:
+    """Title of a problem file, and whether the recordings that it does not come with are there.
+
+    Raises
+    ------
+    ProblemFileError : it cannot be read.
+    """
+    content = problem_content(problem_path(file)[1], file)
+    named = [each for each in _texts(content) if each.startswith(PREFIX)]
+    for each in named:
         try:
-            recording_path(config, each.reference, key=each.key)
+            data_file(each, problem=file, key="recording.file")
         except ProblemFileError:
-            return f"absent: {each.reference} (set {ENVIRONMENT})"
-    if not needed:
-        return "none needed"
-    return "present" if any(each.reference.startswith(PREFIX) for each in needed) else "shipped"
+            return content["title"], f"absent: {each} (set {ENVIRONMENT})"
+    return content["title"], "present" if named else "none to fetch"
+
+
+def _texts(content: object) -> Iterator[str]:
+    """Every text in it."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, dict | list):
+        for each in content.values() if isinstance(content, dict) else content:
+            yield from _texts(each)
 
 
 def shipped_folder() -> Path:

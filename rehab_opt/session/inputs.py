@@ -16,7 +16,7 @@ from typing import Any
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.robot_file import robot_text
 from rehab_opt.session.schema import Problem
-from rehab_opt.session.systems import ROBOT_FILE, Needed, system_named
+from rehab_opt.session.systems import ROBOT_FILE, Needed, needed_files, system_named
 from rehab_opt.text_file import MAX_RECORDING_SIZE, file_content
 
 __all__ = ["input_files", "inputs_digest", "software_digest"]
@@ -58,7 +58,7 @@ def inputs_digest(config: ProblemFile[Problem]) -> str:
 
 
 def _contents(config: ProblemFile[Any]) -> Iterator[tuple[Needed, bytes]]:
-    for needed in system_named(config.problem.system).recordings(config.problem):
+    for needed in needed_files(config.problem):
         if needed.key == ROBOT_FILE:
             yield needed, robot_text(config, needed.reference).encode()
         else:

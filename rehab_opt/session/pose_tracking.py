@@ -50,10 +50,10 @@ from rehab_opt.session.outcome import (
 )
 from rehab_opt.session.plant import JointPlant, device_of, joint_plant, plant_note
 from rehab_opt.session.refusals import refused_as
-from rehab_opt.session.robot_file import RobotSection, robot_at_start, robot_files
+from rehab_opt.session.robot_file import RobotSection, robot_at_start
 from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
 from rehab_opt.session.schema import Problem, RecordedSection, Section, SolverName, Triple, refusal
-from rehab_opt.session.systems import Names, Needed, NotMet
+from rehab_opt.session.systems import Names, NotMet
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -397,11 +397,6 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
     schema = PoseTracking
     solver_key, rate_key = "tracker.solver", "tracker.rate_hz"
     first = ("position_error", "orientation_error", "joint_limit_margin", "scale", "status")
-
-    def recordings(self, problem: PoseTracking) -> tuple[Needed, ...]:
-        """The file of the path, if any, and the robot file."""
-        path = () if problem.path is None else (Needed("path.file", problem.path.file),)
-        return (*path, *robot_files(problem.robot))
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Build robot and tracker; return the notes of a run with ideal joints at up to `CHECKED_HZ`."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -22,10 +22,10 @@ from rehab_opt.kinematics.ur5 import ur5
 from rehab_opt.session.files import ProblemFile, problem_content, recording_path, schema_error
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.schema import Problem, Section, Triple, refusal
-from rehab_opt.session.systems import ROBOT_FILE, Needed
+from rehab_opt.session.systems import ROBOT_FILE
 
 __all__ = [
-    "RobotFile", "RobotSection", "pose_of", "posture_of", "robot_at_start", "robot_files", "robot_of", "robot_text",
+    "RobotFile", "RobotSection", "pose_of", "posture_of", "robot_at_start", "robot_of", "robot_text",
 ]  # fmt: skip
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
@@ -48,6 +48,7 @@ class RobotSection(Section):
 
     model: Literal["ur5"] | None = None
     """The UR5 with its vendor's limits; either this or `file`."""
+    FILES: ClassVar = ("file",)
     file: str | None = Field(default=None, min_length=1)
     """A robot file, relative to the problem file; either this or `model`."""
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=1, max_length=100)]
@@ -185,11 +186,6 @@ def robot_at_start(config: ProblemFile[Any]) -> tuple[SerialChain, Array]:
             velocity=np.minimum(robot.velocity, speed), acceleration=np.minimum(robot.acceleration, slower)
         )
     return robot, posture_of(robot, section.start_deg, file=config.file, key="robot.start_deg")
-
-
-def robot_files(section: RobotSection) -> tuple[Needed, ...]:
-    """The robot file, if any."""
-    return () if section.file is None else (Needed(ROBOT_FILE, section.file),)
 
 
 def robot_of(config: ProblemFile[Any], reference: str) -> SerialChain:

@@ -86,7 +86,11 @@ def refusal(key: str, value: object, expected: str) -> PydanticCustomError:
 class Section(BaseModel):
     """A table of a problem file: unknown keys, numbers for texts and NaN are refused."""
 
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True
+    )
+    FILES: ClassVar[tuple[str, ...]] = ()
+    """The keys that name a file, or a list of files."""
 
     @model_validator(mode="before")
     @classmethod
@@ -136,6 +140,7 @@ class Problem(Section):
 class RecordedSection(Section):
     """File and format of a recorded movement."""
 
+    FILES: ClassVar = ("file",)
     file: str = Field(min_length=1)
     """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv`, relative to the problem file,
     or `data:folder/file`."""

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, 
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Names, Outcome, Progress
-from rehab_opt.session.schema import Problem
+from rehab_opt.session.schema import Problem, Section
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ __all__ = [
     "ProblemFile",
     "System",
     "Traced",
+    "needed_files",
     "system_named",
     "systems",
     "value_at",
@@ -73,6 +74,18 @@ class Needed(NamedTuple):
 
     key: str
     reference: str
+
+
+def needed_files(section: Section, above: str = "") -> Iterator[Needed]:
+    """The files that a problem names, by `Section.FILES`; entries of lists count from 0."""
+    for key in type(section).model_fields:
+        value = getattr(section, key)
+        entries = {f".{i}": each for i, each in enumerate(value)} if isinstance(value, list) else {"": value}
+        for number, each in entries.items():
+            if isinstance(each, Section):
+                yield from needed_files(each, f"{above}{key}{number}.")
+            elif key in section.FILES and each is not None:
+                yield Needed(f"{above}{key}{number}", each)
 
 
 @dataclass(frozen=True)
@@ -135,10 +148,6 @@ class System(Generic[P, S]):
     rate_key: ClassVar[str] = ""
     first: ClassVar[tuple[str, ...]] = ()
     labels: ClassVar[Names] = ()
-
-    def recordings(self, problem: P) -> tuple[Needed, ...]:
-        """The recordings and robot files that it needs; by default none."""
-        return ()
 
     def check(self, config: ProblemFile[P]) -> tuple[str, ...]:
         """Check everything that can be checked without a run, and return the notes.

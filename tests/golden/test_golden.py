@@ -8,7 +8,7 @@ import os
 
 import pytest
 
-from rehab_opt.session.files import load_problem, recording_state, shipped_problems
+from rehab_opt.session.files import recording_state, shipped_problems
 from tests.golden import differences, golden_file, measured
 from tests.session.conftest import REQUIRE
 
@@ -20,7 +20,7 @@ FAST = ("robot/ur5_circle",)
     "name", [pytest.param(name, marks=[] if name in FAST else [pytest.mark.nightly]) for name in shipped_problems()]
 )
 def test_shipped_problem_gives_the_numbers_kept(name: str) -> None:
-    state = recording_state(load_problem(name))
+    _, state = recording_state(name)
     if state.startswith("absent"):
         (pytest.fail if os.environ.get(REQUIRE) == "1" else pytest.skip)(f"{name}: {state}")
     kept = json.loads(golden_file(name).read_text())

@@ -68,9 +68,8 @@ def test_problem_shipped_for_the_first_run_needs_no_data_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    config = load_problem("upper_limb/figure_eight")
-    assert recording_state(config) == "shipped"
-    checked(config)
+    assert recording_state("upper_limb/figure_eight")[1] == "none to fetch"
+    checked(load_problem("upper_limb/figure_eight"))
 
 
 def test_problem_file_is_found_by_name_and_by_path(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +183,7 @@ def test_unknown_problem_is_refused(name: str) -> None:
 def test_absent_recording_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
     config = load_problem("upper_limb/pen_trace")
-    assert recording_state(config).startswith("absent")
+    assert recording_state("upper_limb/pen_trace")[1].startswith("absent")
     with pytest.raises(ProblemFileError, match="BDALab/handwriting-sample") as refusal:
         checked(config)
     assert refusal.value.key == "recording.file"

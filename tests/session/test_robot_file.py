@@ -16,7 +16,7 @@ from rehab_opt.session.inputs import inputs_digest
 from rehab_opt.session.report import write_report
 from rehab_opt.session.robot_file import robot_at_start
 from rehab_opt.session.run import checked, run_problem
-from rehab_opt.session.systems import ROBOT_FILE, system_named
+from rehab_opt.session.systems import ROBOT_FILE, needed_files
 from tests.kinematics.robot_files.known_arms import UR5_TOOL, gen3, vendors_ur5
 from tests.kinematics.robot_files.random_arms import Edge, random_edge, urdf
 from tests.refusals import refuses
@@ -184,5 +184,5 @@ def test_a_hand_is_led_by_an_arm_from_a_file_as_by_the_ur5(problem: Callable[...
     same = laid_out(load_problem("mirror/pick_fruit"))
     assert isinstance(scene.robot, SerialChain)
     np.testing.assert_allclose(scene.robot.pose(scene.start), ur5().pose(same.start), atol=1e-12)
-    needed = system_named("mirror").recordings(load_problem(str(path)).problem)
+    needed = needed_files(load_problem(str(path)).problem)
     assert ROBOT_FILE in [each.key for each in needed]

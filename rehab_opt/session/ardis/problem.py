@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ ARDIS_JOINTS = 4
 class RobotSection(Section):
     """The robot and its starting posture."""
 
+    FILES: ClassVar = ("file",)
     file: str | None = Field(default=None, min_length=1)
     """A robot file whose `mount_m`, `mount_deg` place the arm's base in the chassis frame; by default ARDIS's arm.
     Chair, user, chassis limits and rotors (0.05 kg m^2 a joint) are those of `ardis` and `arm_on_chair`,
@@ -74,6 +75,7 @@ class ModeSection(Section):
 class StickSection(Section):
     """The drives to run, the stick of each, and its processing."""
 
+    FILES: ClassVar = DRIVES
     simulated: Annotated[list[DriveName], Field(max_length=4)] = Field(default=[])
     """Drives whose stick a simulated user moves. Each controller has its own user, who watches the hand and steers it
     to one goal after the other, and gives up a goal after 60 s."""

@@ -29,7 +29,7 @@ from rehab_opt.session.live.problem import LiveInputs, LiveProblem
 from rehab_opt.session.outcome import Array, Outcome, reason_counts
 from rehab_opt.session.plant import chair_plant, plant_note
 from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
-from rehab_opt.session.systems import ROBOT_FILE, Names, Needed, NotMet
+from rehab_opt.session.systems import Names, NotMet
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -218,11 +218,6 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
         "goals_met", "duration", "broken_any", "excess: position", "excess: keep_out", "excess: obstacles", "status",
     )  # fmt: skip
     labels = ("drive", "law")
-
-    def recordings(self, problem: ArdisProblem) -> tuple[Needed, ...]:
-        """The recordings of sticks, and the robot file, if any."""
-        sticks = tuple(Needed(f"stick.{drive}", file) for drive, file in problem.stick.recordings.items())
-        return sticks if problem.robot.file is None else (*sticks, Needed(ROBOT_FILE, problem.robot.file))
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Read the sticks and their commands, build the robot and its controllers."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -32,6 +32,7 @@ Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_leng
 class PoseRecordingSection(Section):
     """Poses of the healthy hand, and the meaning of its frame's axes."""
 
+    FILES: ClassVar = ("file",)
     file: str = Field(min_length=1)
     """A `.csv` with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or rows of numbers without a header, with the columns
     below. Empty cells: the tracker had lost the hand."""
@@ -92,6 +93,7 @@ class ConditioningSection(Section):
 class VrPlacementSection(Section):
     """Position of the recording's frame in the robot's frame."""
 
+    FILES: ClassVar = ("calibration_file",)
     calibration_file: str | None = Field(default=None, min_length=1)
     """A `.csv` with the header `vr_x_m,vr_y_m,vr_z_m,robot_x_m,robot_y_m,robot_z_m`: at least three points touched by
     tracker and robot. The frame is a least-squares fit, and its residual is reported. Either this or `origin_m`."""
@@ -149,6 +151,7 @@ class PatientSection(Section):
     """A point of the sagittal plane, which is vertical."""
     facing_deg: float = Field(ge=-360, le=360)
     """Direction in which the patient looks: 0 is the robot's x axis, counterclockwise."""
+    FILES: ClassVar = ("track_file",)
     track_file: str | None = Field(default=None, min_length=1)
     """Poses of the patient's torso or helmet, one for each sample of `recording.file`, with the same stamps, columns,
     unit and frame: the sagittal plane moves with them. Without it the plane stays at the position given above; with it

@@ -23,8 +23,7 @@ from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import Setup, laid_out, path_notes
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.plant import joint_plant, plant_note
-from rehab_opt.session.robot_file import robot_files
-from rehab_opt.session.systems import Names, Needed, System
+from rehab_opt.session.systems import Names, System
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -177,15 +176,6 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
             f"{100 * reference['faster_than_cap_fraction_of_time']:.0f} % of the time; "
             f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms; passed: within 5 mm and 5 deg"
         )
-
-    def recordings(self, problem: MirrorProblem) -> tuple[Needed, ...]:
-        """Poses of the hand and of the patient, the calibration points, and the robot file."""
-        files = {
-            "recording.file": problem.recording.file,
-            "patient.track_file": problem.patient.track_file,
-            "placement.calibration_file": problem.placement.calibration_file,
-        }
-        return (*(Needed(key, name) for key, name in files.items() if name is not None), *robot_files(problem.robot))
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Read and place the recording, build the tracker, and count the poses that the robot reaches."""

@@ -18,9 +18,8 @@ from rehab_opt.session.outcome import Array, finite
 from rehab_opt.session.participant import projected
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.systems import Needed
 
-__all__ = ["fit_metrics", "learnt", "needed_demonstrations"]
+__all__ = ["fit_metrics", "learnt"]
 
 
 KEY = "task.demonstrations"
@@ -34,12 +33,6 @@ class Learnt(NamedTuple):
     field: PotentialField
     shown: tuple[Demonstration, ...]
     notes: tuple[str, ...]
-
-
-def needed_demonstrations(problem: ScenarioProblem) -> tuple[Needed, ...]:
-    """The recordings of the therapist's demonstrations."""
-    told = problem.task.demonstrations
-    return () if told is None else tuple(Needed(f"{KEY}.files", file) for file in told.files)
 
 
 def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt | None:
@@ -85,9 +78,9 @@ def fit_metrics(fit: Fit) -> dict[str, Any]:
 
 def _shown(config: ProblemFile[ScenarioProblem]) -> tuple[tuple[Demonstration, ...], list[str]]:
     shown, notes = [], []
-    for needed in needed_demonstrations(config.problem):
-        file = needed.reference
-        recording = read_recording(recording_path(config, file, key=needed.key), name=file)
+    told = config.problem.task.demonstrations
+    for i, file in enumerate(() if told is None else told.files):
+        recording = read_recording(recording_path(config, file, key=f"{KEY}.files.{i}"), name=file)
         if not recording.forces.size:
             raise ProblemFileError(file, "columns", "no forces", "fx_N and fy_N beside t, x and y")
         notes += [f"{file}: {note}" for note in (*recording.notes, *projected(recording.points, recording.forces))]

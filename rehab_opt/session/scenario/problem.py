@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -52,6 +52,7 @@ class ScenarioArm(ArmInPlane):
 class DemonstrationsSection(Section):
     """Demonstrations of a therapist: movements recorded by the robot, with the forces on the hand."""
 
+    FILES: ClassVar = ("files",)
     files: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1, max_length=200), Once]
     """Recordings of a robot while a therapist led the hand: each a `.csv` with `t_s,x_m,y_m,fx_N,fy_N`, force on the
     hand, in the robot's frame."""

@@ -16,7 +16,7 @@ from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.plant import plant_note
 from rehab_opt.session.scenario.controllers import follows_path, law_of, scene_of
-from rehab_opt.session.scenario.demonstrated import fit_metrics, needed_demonstrations
+from rehab_opt.session.scenario.demonstrated import fit_metrics
 from rehab_opt.session.scenario.laws import ForceLaw, check_bounds, swinging_notes
 from rehab_opt.session.scenario.live import LiveScenario
 from rehab_opt.session.scenario.loop import Scene, robot_model_of, simulate_trial
@@ -25,7 +25,7 @@ from rehab_opt.session.scenario.pair import pair_measures
 from rehab_opt.session.scenario.precomputed import Precomputed, precompute
 from rehab_opt.session.scenario.problem import REACHES, ScenarioProblem
 from rehab_opt.session.scenario.trials import HELPER, Law, ScenarioTrials
-from rehab_opt.session.systems import Names, Needed, System
+from rehab_opt.session.systems import Names, System
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -269,12 +269,6 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
             f"mode {problem.mode}, trials each: {problem.task.trials}; means over them; success: "
             f"{SUCCESS[problem.mode]} within {problem.task.within_mm:g} mm"
         )
-
-    def recordings(self, problem: ScenarioProblem) -> tuple[Needed, ...]:
-        """The recordings of the helper and the therapist, if any."""
-        recording = problem.task.recording
-        helper = () if recording is None else (Needed("task.recording.file", recording.file),)
-        return helper + needed_demonstrations(problem)
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Read recordings, learn the field, build robot, workspaces and controllers."""

@@ -34,7 +34,7 @@ from rehab_opt.session.outcome import (
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
-from rehab_opt.session.systems import Names, Needed, NotMet, System
+from rehab_opt.session.systems import Names, NotMet, System
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.drive import DT, bounds_of_drive, driven, hand_and_tilt, law_columns
 from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, UpperLimb
@@ -288,10 +288,6 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         length = 1e3 * outcome.metrics["path_length_m"]
         reach = f"within this arm's reach: {100 * part:.1f} % of the path's {length:.0f} mm"
         return f"{reach}, {100 * of_time:.1f} % of its time"
-
-    def recordings(self, problem: UpperLimb) -> tuple[Needed, ...]:
-        """The recorded path."""
-        return (Needed("recording.file", problem.recording.file),)
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Read the recording and build the controllers; report how many of some samples the hand reaches."""

@@ -14,7 +14,7 @@ from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import Array, Outcome, Progress, finite, with_progress
 from rehab_opt.session.participant import placed_recording
-from rehab_opt.session.systems import Names, Needed, NotMet, System
+from rehab_opt.session.systems import Names, NotMet, System
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.workspace_maps.made import ENDS, Direction, MadeMap, mapped_set
 from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
@@ -208,13 +208,6 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, MappedSets]:
         """Both directions in one scene: one map is not the inverse of the other."""
         return {(): MappedSets(config)}
-
-    def recordings(self, problem: WorkspaceMapProblem) -> tuple[Needed, ...]:
-        """The trajectories."""
-        return tuple(
-            Needed(f"trajectory.{i}.recording.file", trajectory.recording.file)
-            for i, trajectory in enumerate(problem.trajectory)
-        )
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
         """One column for each direction and rule."""
