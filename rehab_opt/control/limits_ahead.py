@@ -36,11 +36,11 @@ __all__ = [
 
 ROUNDING = 1e-10
 PLACES = (0.0, 1.0)
-"""Of the way to rest, where a limit of the posture has its rows."""
+"""Fractions of the way to rest at which a limit of the posture has its rows."""
 BRAKED = tuple(k / 8 for k in range(8))
 """Fractions of the way to rest at which hand speeds are checked."""
 CLEAR, BEND = 5e-5, 30.0
-"""[rad], [1/rad] Margin that rows keep before a limit, in joint motion: its least, and what tangents miss a tick."""
+"""[rad] Least margin of rows before a limit, in joint motion; [1/rad] error of tangents in a tick."""
 CLOSE = 2.0
 """h is checked at three points only if their least value exceeds so many times their spread; from 1 on that is enough
 for h that is convex, or concave, along the way."""
@@ -293,18 +293,18 @@ class Kept(Bound):
         return all_true(self.excess(tick, way) <= -self._margin(lever))
 
     def _margin(self, lever: ca.SX) -> ca.SX:
-        """[rad] What rows keep before a limit, in joint motion."""
+        """[rad] Margin of the rows before a limit, in joint motion."""
         dt = self._manoeuvre.dt
         return CLEAR + (dt**2 + BEND * (lever - dt) ** 2) * ca.sumsqr(self._manoeuvre.change)
 
     def no_rows(self) -> Rows:
-        """Such as are always kept."""
+        """Rows that are always satisfied."""
         m, n = len(PLACES) * self._decays.numel(), self._chain.n
         none = ca.SX.zeros(m)
         return Rows(ca.SX.zeros(m, n), none, ca.SX.ones(m), none, ca.SX.ones(m))
 
     def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
-        """About the command `brake` (n,), which keeps them, of commands from `least` to `most` (n,)."""
+        """Rows about the command `brake` (n,), which satisfies them, for commands from `least` to `most` (n,)."""
         one, ticks, found = self._manoeuvre, self._manoeuvre.ticks(state.last), []
         braking = Way(state, brake, further(ca.fmax(ticks - 1, 0)))
         tables = [self._tangents(tick, braking, part) for part in PLACES]
@@ -331,7 +331,7 @@ class Kept(Bound):
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
 
     def _aside(self, q: ca.SX) -> ca.SX:
-        """(n,) from q to a posture beside it, where what is below zero and has no slope at q shows a way up."""
+        """(n,) from q to a nearby posture that shows a way up, if h is below zero without a slope at q."""
         size = ca.DM(np.linspace(0.5, 1, self._chain.n) * ASIDE)
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 

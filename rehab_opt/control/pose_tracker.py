@@ -228,11 +228,11 @@ class PoseTracker(PoseInputs):
         )  # fmt: skip
 
     def told(self, q: ca.SX, target: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """The report of a tick, of a pose (4, 4), its twist (6,) and the command (n,); a subclass may say more."""
+        """The report of a tick, from a pose (4, 4), its twist (6,) and the command (n,); a subclass may add more."""
         return report
 
     def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
-        """What is aimed at without them, whether that is far from all limits, and else their rows."""
+        """Target velocity without rows, whether it is far from all limits, and else their rows."""
         brake = self._manoeuvre
         aim = tick.once(clipped(clipped(task.w, task.lower, task.upper), -brake.speed, brake.speed))
         far = tick.once(kept.far(tick, Way(now.state, aim, further(brake.ticks(aim)))))

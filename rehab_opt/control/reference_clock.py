@@ -1,4 +1,4 @@
-"""Clock by which a reference is read: it waits, slows down and catches up; the path is unchanged."""
+"""Clock of a reference: it waits, slows down and catches up; the path is unchanged."""
 
 from __future__ import annotations
 
@@ -19,25 +19,28 @@ __all__ = ["CLOCK", "JUMP", "KEPT", "SAMPLE", "SPIN", "ClockStatement", "Referen
 Array = NDArray[np.float64]
 
 THINNED, KEPT = 4096, 2
-"""Samples that wait at most; beyond, every second one is left out, but for the first. What arrives at 200 Hz waits 20 s
-until then, and is still sampled at 100 Hz afterwards: far above what a tracker's filter lets through. C has fewer."""
+"""Largest number of waiting samples; with more, every second one is left out, except the first. At 200 Hz that is after
+20 s of waiting, and the rest is still sampled at 100 Hz, far above the cut-off of a tracker's filter. C has a smaller
+buffer."""
 CURVED = 0.02
-"""[rad] Turns between samples up to this are interpolated by entries, larger ones along the arc: what entries miss of a
-rotation is an eighth of the angle's square."""
+"""[rad] Rotations between samples up to this are interpolated entry by entry, larger ones along the arc; the error of
+the former is an eighth of the angle's square."""
 LONGEST = 1.5
-"""Ticks between samples that are no bridge."""
+"""Ticks between samples up to which there is no bridge."""
 JUMP, SPIN = 5.0, 30.0
-"""[m/s, rad/s] Faster samples than a hand can move: a jump of the tracker, and bridged."""
+"""[m/s, rad/s] Samples that move faster than a hand can: a jump of the tracker, which is bridged."""
 ROTATION = [4 * i + j for i in range(3) for j in range(3)]
-"""Where its entries stand in a pose."""
+"""Indices of the rotation's entries in a pose."""
 WINDOW = 12
-"""Samples looked at together by default."""
+"""Default number of samples that a tick considers."""
 
 SAMPLE = Record(pose=12, twist=6, seconds=1, stamp=1)
-"""First three rows [m], [m/s, rad/s], since the sample before [s], of the reference's own time [s]."""
+"""First three rows of the pose [m], twist [m/s, rad/s], time since the sample before [s], stamp in the reference's own
+time [s]."""
 CLOCK = Record(ahead=1, fraction=1, lag=1, lost=1, newest=1)
-"""Samples behind the one at hand, -1 where there is none, fraction of the way to the next, [s] that the clock needs to
-the newest, bridges included, [s] of the reference since then that were not taken, and the newest one's stamp."""
+"""Number of samples after the current one (-1 without any), fraction of the way to the next one, [s] time that the
+clock needs to the newest (bridges included), [s] skipped time of the reference since then, and the newest sample's
+stamp."""
 
 
 class ClockStatement:
@@ -45,15 +48,15 @@ class ClockStatement:
 
     Parameters
     ----------
-    dt : [s] between samples as they arrive.
-    window : samples that a tick may come to, at most.
+    dt : [s] between arriving samples.
+    window : largest number of samples that a tick may reach.
     """
 
     def __init__(self, dt: float, *, window: int = WINDOW) -> None:
         self.dt, self.window = dt, window
 
     def between(self, a: Values, b: Values, share: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Pose (12,) and twist, so much of the way from one sample to the next."""
+        """Pose (12,) and twist at a fraction of the way from one sample to the next."""
         pose = a.pose + share * (b.pose - a.pose)
         turn = ca.mmax(ca.fabs(a.pose[ROTATION] - b.pose[ROTATION]))
         curved = ca.logic_or(b.seconds > LONGEST * self.dt, turn > CURVED)
@@ -62,7 +65,7 @@ class ClockStatement:
         return ca.if_else(share == 0, a.pose, pose), ca.if_else(share == 0, a.twist, twist)
 
     def read_function(self) -> ca.Function:
-        """Samples (20, window), `CLOCK`, [s] ahead of where it stands -> pose (16,) and twist."""
+        """Samples (20, window), `CLOCK`, [s] ahead of the clock -> pose (16,) and twist."""
         lengths, clock, ahead = ca.SX.sym("seconds", self.window), CLOCK.symbols("clock"), ca.SX.sym("ahead")
         passed, fraction, left, going = ca.SX(0), clock.fraction, ahead, ahead > 0
         for i in range(self.window - 2):  # generated code looks beyond an array that is asked for more
@@ -85,7 +88,7 @@ class ClockStatement:
         return ca.Function("read", [samples, *given], [ca.vertcat(pose, ca.DM([0, 0, 0, 1])), twist])
 
     def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
-        """Samples passed in so much reference time, at most to the newest, where it `goes`; and the clock then.
+        """Samples passed in this much reference time, at most to the newest, if it `goes`; and the clock then.
 
         The lengths (window,) are the samples' seconds.
         """
@@ -108,7 +111,7 @@ class ClockStatement:
 
     @staticmethod
     def behind_function() -> ca.Function:
-        """Sample at hand and the next (40,), `CLOCK` -> `ReferenceClock.behind`."""
+        """Current sample and the next (40,), `CLOCK` -> `ReferenceClock.behind`."""
         samples, clock = ca.SX.sym("samples", SAMPLE.size, 2), CLOCK.symbols("clock")
         here, there = ca.horzsplit(samples[SAMPLE["stamp"], :])
         stamp = ca.if_else(clock.fraction == 0, here, here + clock.fraction * (there - here))
@@ -125,11 +128,11 @@ class ClockStatement:
 
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
-        """Newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples more (60,), `CLOCK`.
+        """Newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two more samples (60,), `CLOCK`.
 
-        A jump is bridged, and so is any sample with `bridge`: then it is as late as a calm way to it at these speeds
-        takes, and in between there is one of the way; else the last of them is none. What was lost before it counts in
-        its stamp.
+        A jump is bridged, and so is any sample with `bridge`: it is as late as a calm motion to it at these speeds
+        takes, with a further sample on the way; without a bridge the last of the two is unused. Skipped time before it
+        is included in its stamp.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))
@@ -155,15 +158,15 @@ class ClockStatement:
 
 
 class ReferenceClock:
-    """Poses that arrive tick by tick, read at a time of one's own.
+    """Poses that arrive tick by tick and are read at another pace.
 
-    Poses are joined by straight lines and even turns. A clock is *current* while it stands at the newest sample.
+    Poses are joined by straight lines and uniform rotations. A clock is *current* if it is at the newest sample.
 
     Parameters
     ----------
-    dt : [s] between samples as they arrive.
-    linear_speed, angular_speed : [m/s, rad/s] at which a jump between samples is bridged.
-    window : samples that a tick may come to, at most.
+    dt : [s] between arriving samples.
+    linear_speed, angular_speed : [m/s, rad/s] of bridges over jumps between samples.
+    window : largest number of samples that a tick may reach.
     """
 
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
@@ -174,24 +177,24 @@ class ReferenceClock:
         )
         self._taken = BufferedFunction(stated.taken_function(linear_speed, angular_speed))
         self.most = THINNED
-        """Samples that wait at most; may be set between two ticks."""
+        """Largest number of waiting samples; may be set between two ticks."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget every sample."""
+        """Remove all samples."""
         self._table: Array = np.zeros((4 * self._window, SAMPLE.size))
         self._end = self._at = 0
         self._paces: list[float] = []  # the most that what follows allows, where it is known
         self.fraction = 0.0
-        """Fraction of the way to the next sample that the clock has gone."""
+        """Fraction of the way to the next sample that the clock has passed."""
         self.lag = 0.0
-        """[s] that the clock needs to the newest sample, bridges included."""
+        """[s] Time that the clock needs to the newest sample, bridges included."""
         self.lost = 0.0
-        """[s] of the reference since the newest sample that were not taken."""
+        """[s] Skipped time of the reference since the newest sample."""
         self.passed = 0
-        """Samples that the clock has passed."""
+        """Number of samples that the clock has passed."""
         self.thinned = False
-        """Whether the last sample made every second one go that waits."""
+        """Whether every second waiting sample was left out with the last one."""
 
     @property
     def empty(self) -> bool:
@@ -200,22 +203,22 @@ class ReferenceClock:
 
     @property
     def current(self) -> bool:
-        """Whether the newest sample is the one that is read."""
+        """Whether the clock is at the newest sample."""
         return self._at >= self._end - 1
 
     @property
     def waiting(self) -> int:
-        """Samples that are still to come."""
+        """Number of samples after the clock."""
         return self._end - 1 - self._at
 
     @property
     def window(self) -> Array:
-        """(window, 20) numbers of the samples from the one at hand on; what stands behind the newest means nothing."""
+        """(window, 20) samples from the current one on; rows after the newest have no meaning."""
         return self._table[self._at : self._at + self._window]
 
     @property
     def bridging(self) -> bool:
-        """Whether the clock is between samples that a jump lies between."""
+        """Whether the clock is on a bridge over a jump."""
         return not self.current and float(self._table[self._at + 1, SAMPLE["seconds"]]) > LONGEST * self.dt
 
     @property
@@ -226,20 +229,20 @@ class ReferenceClock:
 
     @property
     def stamp(self) -> float:
-        """[s] of the reference's own time, from the first sample on, where the clock stands; in a bridge, between."""
+        """[s] The clock in the reference's own time, from the first sample on; interpolated on a bridge."""
         at, next_one = self._table[self._at : self._at + 2, SAMPLE["stamp"]].tolist()
         return float(at if self.fraction == 0.0 else at + self.fraction * (next_one - at))
 
     @property
     def behind(self) -> float:
-        """[s] by which what is read is older than what arrives now, taken or not; and no less than `lag`."""
+        """[s] Age of the read sample relative to the arriving one, skipped time included; at least `lag`."""
         behind = self._behind
         behind.inputs[0][:], behind.inputs[1][:] = self._table[self._at : self._at + 2].reshape(-1), self.now
         behind.evaluate()
         return float(behind.outputs[0][0])
 
     def start(self, pose: Array, twist: Array, *, stamp: float = 0.0) -> None:
-        """Stand at one sample, and forget the others."""
+        """Start at one sample, and remove the others."""
         self.reset()
         self._append(self._started.of(pose.reshape(-1), twist, stamp)[None])
 
@@ -252,10 +255,11 @@ class ReferenceClock:
         bridge: bool = False,
         thinning: bool = True,
     ) -> None:
-        """A new sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, as a calm way takes.
+        """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, as a calm motion
+        takes.
 
-        What was lost between them is left out: its time counts in `behind` until the clock has passed it.
-        `thinning` bounds the samples that wait.
+        Skipped samples between them are left out: their time counts in `behind` until the clock has passed it.
+        `thinning` limits the number of waiting samples.
         """
         self._enlarge(2)
         taken, newest = self._taken, self._end - 1
@@ -271,24 +275,24 @@ class ReferenceClock:
             self._thin()
 
     def extend(self, poses: Array, twists: Array, seconds: Array) -> None:
-        """Many samples (N, 4, 4), (N, 6) at once, so many seconds (N,) after each other; none of them bridged."""
+        """Add many samples (N, 4, 4), (N, 6) at once, `seconds` (N,) apart, without bridges."""
         stamps = self._table[self._end - 1, SAMPLE["stamp"]] + np.cumsum(seconds)
         self._append(np.column_stack([poses.reshape(-1, 16)[:, :12], twists, seconds, stamps]))
 
     def stand(self, samples: int, fraction: float, lag: float) -> None:
-        """Stand so many samples further, at this fraction of the way to the next one and so many seconds late."""
+        """Move the clock on by `samples`, to this fraction of the way to the next one and this lag [s]."""
         self._at, self.passed, self.fraction, self.lag = self._at + samples, self.passed + samples, fraction, lag
         if self._at > 256 and not self._paces:
             self._table[: self._end - self._at] = self._table[self._at : self._end].copy()
             self._end, self._at = self._end - self._at, 0
 
     def go_on(self, samples: int, fraction: float, seconds: float) -> None:
-        """The same, so many seconds of the reference further."""
+        """The same, with a step [s] of reference time."""
         self.stand(samples, fraction, self.lag - seconds)
         self.lag = 0.0 if self.current else self.lag
 
     def preview(self, *, linear_speed: float, angular_speed: float) -> Preview:
-        """The samples from the one at hand on, to be laid out in time, at most at these speeds [m/s, rad/s]."""
+        """The samples from the current one on, for a preview with these largest speeds [m/s, rad/s]."""
         samples = self._table[self._at : self._end]
         poses = np.tile(np.eye(4), (len(samples), 1, 1))
         poses[:, :3] = samples[:, :12].reshape(-1, 3, 4)
@@ -298,7 +302,7 @@ class ReferenceClock:
         )
 
     def left(self, seconds: Array) -> tuple[Array, Array]:
-        """Poses (M, 4, 4), and [s] of the reference's own time, so many seconds (M,) before the newest sample."""
+        """Poses (M, 4, 4), and [s] of the reference's own time, `seconds` (M,) before the newest sample."""
         samples = self._table[: self._end]
         after = np.append(np.cumsum(samples[:0:-1, SAMPLE["seconds"]])[::-1], 0.0)
         place = np.interp(-seconds, -after, np.arange(self._end))
@@ -314,17 +318,17 @@ class ReferenceClock:
         return poses, here[:, stamp] + share * (there[:, stamp] - here[:, stamp])
 
     def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time from now; the clock stays where it is."""
+        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time after the clock, which does not move."""
         found = self._reading.of(self.window.T, self.now, ahead).reshape(4, 4)
         return found, self._reading.outputs[1].copy()
 
     @property
     def pace(self) -> float:
-        """The most that what follows allows, where `slow_ahead` has looked at it."""
+        """Largest pace that later samples allow, if `slow_ahead` was called."""
         return self._paces[self._at] if self._paces else math.inf
 
     def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
-        """Look at all samples: the pace at which none is faster than these speeds [m/s, rad/s], slowed down in time.
+        """Compute the pace for all samples at which none is faster than these speeds [m/s, rad/s], slowed down in time.
 
         The pace falls by at most 1 in `quickening` seconds.
         """
@@ -339,7 +343,7 @@ class ReferenceClock:
         self._paces = paces
 
     def _append(self, samples: Array) -> None:
-        """Samples (N, 20) behind the newest."""
+        """Append samples (N, 20) after the newest."""
         self._enlarge(len(samples))
         end = self._end + len(samples)
         self._table[self._end : end] = samples
@@ -348,13 +352,13 @@ class ReferenceClock:
             self.lag += seconds
 
     def _enlarge(self, more: int) -> None:
-        """Make room for so many samples and a window."""
+        """Make room for more samples and a window."""
         end = self._end + more + self._window
         if end > len(self._table):
             self._table = np.concatenate([self._table, np.zeros((end, SAMPLE.size))])
 
     def _thin(self) -> None:
-        """Leave out every second sample that waits; their time is kept."""
+        """Leave out every second waiting sample; their time is kept."""
         seconds, first = self._table[:, SAMPLE["seconds"]], self._at + KEPT
         gone = np.arange(first, self._end - 1, 2)
         seconds[gone + 1] += seconds[gone]
