@@ -1,4 +1,13 @@
-"""The QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds."""
+"""The QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds.
+
+Feasibility and convergence, in the notation of `ChairAndArm`: let d be the hand's last velocity minus its part along r
+(between zero and all of r), and c one tick of the hardest braking together. c is feasible: it satisfies the
+accelerations, braking does not change z, and every bound holds at z and on the way to it. c leaves the hand velocity J
+c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is the motion off r that is allowed now, so off = |e| satisfies
+the task. So the QP is feasible in every tick. Its hand motion besides r lies between w and w + e, both at most (1 -
+dt/T) |d| plus a term of order dt |u|^2 from the change of the Jacobian within the tick. The rows at z keep e small
+while a bound or a singular posture stops the hand.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +46,7 @@ class ChairAndArm(VelocityController):
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and at the stop posture z
          -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
-         as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (below) satisfy them
+         as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (see the module) satisfy them
 
     u are the joint velocities with the chair's in the chassis frame (forward, left, turn), where W and the arm's
     Jacobian do not depend on the chair's position. There the rolling row, Eq. (4), is a left speed of zero. r is the
@@ -46,14 +55,6 @@ class ChairAndArm(VelocityController):
     accelerations allow (`HandTask`); t is this answer within the joint speeds. b is this answer if it satisfies all
     bounds, else u_last (1 - dt/T), or between the two while the hand moves; so a chair whose hand stands still comes to
     rest.
-
-    **Feasibility and convergence.** Let d be the hand's last velocity minus its part along r (between zero and all of
-    r), and c one tick of the hardest braking together. c is feasible: it satisfies the accelerations, braking does not
-    change z, and every bound holds at z and on the way to it. c leaves the hand velocity J c = w + progress_c r/|r| +
-    e, where w <= (1 - dt/T) d is the motion off r that is allowed now, so off = |e| satisfies the task. So the QP is
-    feasible in every tick. Its hand motion besides r lies between w and w + e, both at most (1 - dt/T) |d| plus a term
-    of order dt |u|^2 from the change of the Jacobian within the tick. The rows at z keep e small while a bound or a
-    singular posture stops the hand.
 
     Without a command all joints brake together as hard as the accelerations allow, and then rest.
 

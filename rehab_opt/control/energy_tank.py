@@ -61,12 +61,9 @@ class EnergyTank:
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
     So no hand below the speed cap draws more than the budget: the delivered energy plus speed_cap times the impulse
-    under way never exceeds it. Sending F adds speed_cap F dt to this sum, which the ceiling takes into account; if the
-    energy does not allow F, nothing is sent. Assumptions: the hand moves straight between samples, and a force acts at
-    most `window` late.
-
-    Numbers are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the sent force, then
-    `seen` or `jumped`, or neither.
+    under way never exceeds it. Assumptions: the hand moves straight between samples, and a force acts at most `window`
+    late. Numbers are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the sent
+    force, then `seen` or `jumped`, or neither.
 
     Parameters
     ----------

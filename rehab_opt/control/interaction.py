@@ -1,4 +1,18 @@
-"""Response of a robot hand to a measured force: admittance, a slower reference, and a stop."""
+"""Response of a robot hand to a measured force: admittance, a slower reference, and a stop.
+
+Energy: the step is implicit (backward Euler). Projections onto convex sets that contain the start of the step bound
+speed and displacement, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
+
+    F . dx >= E_after - E_before + B |x'|^2 dt
+
+in every tick: a hand at x delivers no more energy than was put in. A real hand is delayed and limited by bounds.
+Therefore a tank T, with `reserve` at first, counts measured forces and positions. Each tick adds F . dy - dE + 0.02
+W dt, up to `reserve`, with dy the motion of the hand relative to its reference since F was measured. As T falls,
+the damping B reserve / T grows; with an empty tank the hand hardly responds to forces but still returns, which
+fills the tank. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, for any delay; energy under way
+when the tank is empty is delivered, too, as a debt (T >= -reserve). The 0.02 W compensate noise. Nothing is
+guaranteed if the hand is not at its measured position (bending, play).
+"""
 
 from __future__ import annotations
 
@@ -50,19 +64,6 @@ class Interaction:
     stands still at `limit`; it slows at once and recovers slowly, so it follows the peaks of noisy forces. At
     `stop_at`, or without a valid force, the arm decelerates to rest; it continues after `hold` seconds below `release`
     x `stop_at`. `Interaction(stop_at=30.0)` stops rigidly at 30 N instead of yielding further.
-
-    Energy. The step is implicit (backward Euler). Projections onto convex sets that contain the start of the step bound
-    speed and displacement, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
-
-        F . dx >= E_after - E_before + B |x'|^2 dt
-
-    in every tick: a hand at x delivers no more energy than was put in. A real hand is delayed and limited by bounds.
-    Therefore a tank T, with `reserve` at first, counts measured forces and positions. Each tick adds F . dy - dE + 0.02
-    W dt, up to `reserve`, with dy the motion of the hand relative to its reference since F was measured. As T falls,
-    the damping B reserve / T grows; with an empty tank the hand hardly responds to forces but still returns, which
-    fills the tank. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, for any delay; energy under way
-    when the tank is empty is delivered, too, as a debt (T >= -reserve). The 0.02 W compensate noise. Nothing is
-    guaranteed if the hand is not at its measured position (bending, play).
 
     The reference itself works against a resisting person with at most limit^2 / (4 (limit - slow_from)) times its speed
     (2.6 W at the defaults and 0.25 m/s), and not at all from `limit`. Without the tank, a loop delay D would leave the

@@ -48,31 +48,20 @@ FASTER = 1e-9
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. (1), with the Jacobian of the middle of the tick; near a singular posture an
-    arm alone may get a part of it. Priorities: joint, chassis and wheel speeds, and rolling; then joint limits,
-    obstacles and keep-outs, which are not passed, or not further; then accelerations; then the task, which keeps its
-    direction and is slowed. For an arm that slides along a keep-out this holds at the ends of ticks; in between it may
-    enter by reach (1 + reach / d) turn^2 / 8, with d [m] between their axes: below 0.1 mm for 10 mrad. Because rows are
-    tangents, the arm may stop up to 1 mm + reach ((1.1 T a dt)^2 + (sum a dt^2)^2) / 2 before a keep-out: 1.6 mm for
-    `ardis()` with ticks of 10 ms, 3.4 mm with 20 ms. T includes the chair. A joint changes its speed by at most 0.2 /
-    (1.1 T) in a tick, so that a slow chair does not keep a quick arm far away.
+    With no bound active the answer is Eq. (1), with the Jacobian of the middle of the tick. Priorities: joint, chassis
+    and wheel speeds, and rolling; then joint limits, obstacles and keep-outs, which are not passed, or not further;
+    then accelerations; then the task, which keeps its direction and is slowed. Before every limit, keep-out and
+    obstacle the whole robot can brake together (`BrakingTogether`), so accelerations yield only if an obstacle or a
+    velocity passed to `reset` came too late. G11 to G14 of `docs/guarantees.md` state speed and direction of the hand.
 
-    Guarantees. Before every limit, keep-out and obstacle the whole robot can brake together, with all velocities
-    proportional to zero in 1.1 T, and satisfy all of them (`BrakingTogether`); T is the time in which every joint stops
-    from its largest speed. Accelerations therefore yield only if an obstacle, or a velocity passed to `reset`, came too
-    late, within 2 mm of a bound, or on the way out of an obstacle. Under a constant command the hand, after T + 1 s,
-    exceeds the commanded speed by at most 2 %, and moves against it by at most 2 %. While it brakes before a bound it
-    may leave the direction by less than 15 % of the commanded speed, because the Jacobian changes. If the bounds leave
-    nothing of the command, the status is `BLOCKED`. After 4 s of this, the chair turns at most at 0.1 rad/s and moves
-    at most at 0.05 m/s, as Eq. (1) moves the arm to a better posture. The delivered twist refers to the middle of the
-    tick and to constant joint velocities. With constant wheel speeds instead, the chair's path within a tick turns by
-    half of the chair's turn.
+    For an arm that slides along a keep-out all this holds at the ends of ticks; in between it may enter by reach (1 +
+    reach / d) turn^2 / 8, with d [m] between their axes: below 0.1 mm for 10 mrad. Because rows are tangents, the arm
+    may stop up to 1.6 mm before a keep-out for `ardis()` with ticks of 10 ms, 3.4 mm with 20 ms.
 
-    A joint outside its limits returns only if the task or the posture cost moves it; without a command there is no
-    motion.
-
-    The arm's joints have commanded positions as in `PoseTracker`. The base uses its measured position, which is
-    supervised after its first change; a constant one counts as not measured. Collisions of the hand are not detected.
+    If the bounds leave nothing of the command, the status is `BLOCKED`; after 4 s the chair then moves at most at 0.1
+    rad/s and 0.05 m/s, as Eq. (1) moves the arm to a better posture. A joint outside its limits returns only if the
+    task or the posture cost moves it. The arm's joints have commanded positions as in `PoseTracker`; the base uses its
+    measured position, which is supervised after its first change. Collisions of the hand are not detected.
 
     The last commanded velocity is part of the state: a new resolver is at rest unless `reset` sets a velocity. An
     object belongs to one thread: see `OneThread`.
