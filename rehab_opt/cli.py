@@ -1,7 +1,7 @@
 """The command `rehab-opt`: run, list and check problem files, one or many; export their controllers.
 
-Bad input gives one line on the error stream and exit code 2, and writes nothing. Exit code 0 means that the command was
-carried out, not that a hand reached its goal: see the notes, the numbers and the last line of `check`. `check` exits
+Bad input gives one line on the error stream and exit code 2, and writes nothing. Exit code 0 means that the command
+succeeded, not that a hand reached its goal: see the notes, the numbers and the last line of `check`. `check` exits
 with 0 if `run` does.
 """
 

@@ -129,7 +129,7 @@ class Joystick(OneThread):
             told = self._beyond_dead_zone(np.clip(told, -1.0, 1.0))
             self._free = self._free or not told.any()
             if not self._free:
-                reason, told = "the stick must be let go first", np.zeros(2)
+                reason, told = "the stick must be released first", np.zeros(2)
         self._deflection = stepped_towards(self._deflection, told, self._rate * self._dt)
         rows = self._rows[self._mode]
         twist = np.zeros(len(rows))

@@ -125,7 +125,7 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
             raise ConfigurationError(f"limits[{i}].distances", column, "an expression that depends on q")
         for distance in ca.vertsplit(column):
             if ca.depends_on(distance, q) and ca.jacobian(distance, q).is_zero():
-                expected = "what has to be at zero or above, with a slope: a - b, not the comparison a > b"
+                expected = "an expression with a slope, to be kept at or above zero: a - b, not the comparison a > b"
                 raise ConfigurationError(f"limits[{i}].distances", distance, expected)
     return tuple(limits)
 
@@ -143,7 +143,7 @@ def all_limits(
         raise ConfigurationError("limits", limits, "a list or tuple, each a Limit or a Clearance")
     found = [(f"limits[{i}]", each) for i, each in enumerate(limits) if isinstance(each, Clearance)]
     if len(found) > 1:
-        raise ConfigurationError(found[1][0], found[1][1], "one Clearance, which holds all bodies")
+        raise ConfigurationError(found[1][0], found[1][1], "one Clearance with all bodies")
     pairs = [ClearancePairs(checked_clearance(name, each, chain), chain) for name, each in found]
     others = checked_limits([each for each in limits if isinstance(each, Limit)], chain)
     found_pairs = next((each for each in pairs if each.names), None)

@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 
 NOT_TAKEN = {
     "task_weights": "turn_length instead",
-    "jerk": "None with MirrorTracker, which has bounds that come before a drive's",
+    "jerk": "None with MirrorTracker, whose bounds take precedence over a drive's",
 }
 """Arguments of `PoseTracker` that are refused here, with the alternative."""
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
@@ -320,6 +320,6 @@ class MirrorTracker(MirrorPreview):
             tracker with moving bodies, whose future positions are unknown.
         """
         if self.limits.moving:
-            expected = "a Clearance without moving capsules: where they will be is not known"
+            expected = "a Clearance without moving capsules: their future positions are unknown"
             raise ConfigurationError("moving", self.limits.moving, expected)
         return plan(self, poses, twists, q)

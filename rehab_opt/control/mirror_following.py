@@ -179,5 +179,5 @@ class MirrorFollowing(MirrorStatement):
         if reason == NUMBER["FORCE_AT_LIMIT"]:
             return self._interaction.too_large(self._felt)
         if reason == NUMBER["INPUT_INVALID"] and where == 3 + (self.limits.moving_size > 0):
-            return "force is not a usable number"
+            return "force is not a valid number"
         return super()._words(reason, where if where < 3 else -1, element, details)

@@ -141,7 +141,7 @@ def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.i
     if len(valid):
         valid = valid[mapped(rigid_function())(numbers[valid, :16])[:, 0] == 1]
     if not len(valid):
-        raise ConfigurationError("poses", poses.shape, "a usable sample at least, that is a rigid transform")
+        raise ConfigurationError("poses", poses.shape, "at least one valid sample, a rigid transform")
     away = np.linalg.norm(poses[valid, :3, 3] - tracker.chain.base[:3, 3], axis=1)
     if away.min() > tracker.farthest:
         expected = f"places within {tracker.farthest:.3g} m of the base, ten times the arm's reach: are they in metres?"

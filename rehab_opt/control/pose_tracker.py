@@ -182,10 +182,10 @@ class PoseTracker(PoseInputs):
             self.jerk = None
         else:
             if len(self.limits):
-                raise ConfigurationError("jerk", jerk, "None with limits, which have bounds that come before a drive's")
+                raise ConfigurationError("jerk", jerk, "None with limits, whose bounds take precedence over a drive's")
             self.jerk = JerkBounds.checked(limited, jerk, dt, recovery_speed)
             if not self.gain <= self.jerk.fastest_gain:
-                expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a faster one swings for good"
+                expected = f"at most {self.jerk.fastest_gain:.4g} /s with this jerk: a larger gain oscillates"
                 raise ConfigurationError("gain", gain, expected)
         super().__init__(
             limited, dt=dt, recovery_speed=recovery_speed, solver=solver, backup=backup, tolerance=tolerance,

@@ -75,7 +75,7 @@ class Reaching:
             self._begun = False
             wrong = np.flatnonzero(~(np.abs(target) <= MAX_MAGNITUDE))
             if wrong.size:
-                self.refused = f"target[{wrong[0]}] is {target[wrong[0]]}, not a usable number"
+                self.refused = f"target[{wrong[0]}] is {target[wrong[0]]}, not a valid number"
             return np.full(3, math.nan) if moving else np.zeros(3)
         hand = self.robot.chain.pose(q)[:3, 3]
         if not np.linalg.norm(target - hand) <= FARTHEST:

@@ -36,7 +36,7 @@ REASONS = (
         "state is stale",
         "state is stale, or the loop faster than dt: {:.3g} s behind the ticks, at most {:.3g} s",
     ),
-    Reason("INPUT_INVALID", "an input is not a usable number", "not a usable number"),
+    Reason("INPUT_INVALID", "an input is not a valid number", "not a valid number"),
     Reason(
         "NOT_CERTIFIED",
         "no certified answer",
@@ -50,15 +50,15 @@ REASONS = (
     Reason("NOT_INITIALISED", "the controller was not initialised", None),
     Reason(
         "POSITION_INVALID",
-        "x is not a usable position",
-        "not a usable position",
-        "x is ({}, {}), not a usable position: is it in metres?",
+        "x is not a valid position",
+        "not a valid position",
+        "x is ({}, {}), not a valid position: is it in metres?",
     ),
     Reason(
         "VELOCITY_INVALID",
-        "v is not a usable velocity",
-        "not a usable velocity",
-        "v is ({}, {}), not a usable velocity",
+        "v is not a valid velocity",
+        "not a valid velocity",
+        "v is ({}, {}), not a valid velocity",
     ),
     Reason(
         "HAND_TOO_FAST",

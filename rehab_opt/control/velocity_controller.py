@@ -402,11 +402,11 @@ class VelocityController(OneThread, ABC):
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
         """Text of a reason, see `REPORT`; may be empty."""
         if reason == NUMBER["NOT_FOLLOWED"]:
-            return f"{self.chain.names[int(element)]} does not follow: {details[0]:.2g} rad or m from where it was led"
+            return f"{self.chain.names[int(element)]} does not follow: {details[0]:.2g} rad or m off its command"
         if reason == NUMBER["INPUT_INVALID"]:
             values = (self._q, *self._inputs)[int(where)]
             place = ", ".join(map(str, np.unravel_index(int(element), values.shape)))
-            return f"{self._names[int(where)]}[{place}] is {values.flat[int(element)]}, not a usable number"
+            return f"{self._names[int(where)]}[{place}] is {values.flat[int(element)]}, not a valid number"
         if reason == NUMBER["JOINT_BLOCKS"]:
             return f"{self.chain.names[int(element)]} at its limit blocks the motion"
         return reason_text(reason, details)

@@ -99,7 +99,7 @@ def settling_notes(
     margins = {mass: crossover(stiffness, damping, mass=mass, **times).margin for mass in (LIGHT, HEAVY)}
     mass = min(margins, key=margins.__getitem__)
     if not margins[mass] >= MARGIN:
-        swings = "swings ever more" if margins[mass] < 0 else "oscillates for long"
+        swings = "oscillates with growing amplitude" if margins[mass] < 0 else "oscillates for a long time"
         yield (
             f"a hand of {mass:g} kg {swings}: a stiffness of {stiffness:g} N/m with a damping of {damping:.3g} N s/m, "
             f"{1e3 * (delay + lag):.3g} ms late, leaves a phase margin of {math.degrees(margins[mass]):.0f} degrees; "

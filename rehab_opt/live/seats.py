@@ -157,13 +157,13 @@ class Seats:
         spare = min(SPARE, self._spare + OFTENEST * (now - self._heard)) - 1
         self._spare, self._heard = max(spare, -1.0), now
         if self._spare < 0:
-            self.lapsed = "released: the page sends too much, what it says now would come late; press to go on"
+            self.lapsed = "released: the page sends too much, so its messages would be late; press to continue"
         elif not inputs.enable:
             self.lapsed = ""
         elif held and not silent <= DEAD_MAN:
-            self.lapsed = f"released: the page was silent for {1e3 * silent:.0f} ms; press to go on"
+            self.lapsed = f"released: the page was silent for {1e3 * silent:.0f} ms; press to continue"
         elif not waited <= DEAD_MAN or (held and not sent - self.heartbeat <= DEAD_MAN):
-            self.lapsed = "released: what the page says comes too late; press to go on"
+            self.lapsed = "released: the page's messages come too late; press to continue"
         self.inputs = inputs._replace(enable=inputs.enable and not self.lapsed)
         self.heartbeat = sent if self.inputs.enable else math.nan
 

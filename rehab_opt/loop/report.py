@@ -73,7 +73,7 @@ class LoopReport:
             (
                 f"ended: {self.reason}",
                 f"{self.ticks} ticks, {self.missed} missed, {self.late} late by more than half a tick, {self.stale} "
-                "commands not sent since their state was too old",
+                "commands withheld because the robot's state was stale",
                 *(f"{name}: {_shown(times)}" for name, times in (("late by", self.lateness), ("took", self.tick_time))),
                 f"scheduling: {self.scheduling}",
                 *self._slowed(),

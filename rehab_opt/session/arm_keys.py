@@ -42,7 +42,7 @@ RANGE_DEG: Mapping[str, tuple[float, float]] = {
 }
 """[deg] Widest accepted limits of Table I's joints: they accept assumed ranges of modelled people, and refuse
 goniometer angles."""
-LOOKS = "does this count as a goniometer does? then say convention = 'goniometer'"
+LOOKS = "if these are goniometer angles, set convention = 'goniometer'"
 
 
 def _ordered(pair: list[float]) -> list[float]:

@@ -80,10 +80,10 @@ class PlantTable(Section):
         """Refuse delays and noise for a kind of robot without them, instead of ignoring them."""
         if said := sorted(self.model_fields_set - self.keys):
             others = '"ur", "franka" or "ros2"' if said[0] in DEVICE_KEYS else '"mujoco"'
-            raise refusal(said[0], getattr(self, said[0]), f"no such key but for kind = {others}")
+            raise refusal(said[0], getattr(self, said[0]), f"no such key except for kind = {others}")
         return self
 
-    told_truly: ClassVar[str] = "places and speeds are"
+    told_truly: ClassVar[str] = "positions and speeds are"
     """Quantities of the true robot that a run's numbers and figures use."""
 
     @property
@@ -206,9 +206,7 @@ def joint_plant(table: JointPlant, chain: SerialChain, dt: float) -> Plant:
     ConfigurationError : physics for a robot file without masses or efforts; a real robot.
     """
     if table.kind in DEVICES:
-        expected = (
-            f"one of {', '.join(KINDS)}, by --plant: a robot that is there runs in time, `rehab-opt loop` or `live`"
-        )
+        expected = f"one of {', '.join(KINDS)}, by --plant: a real robot runs with `rehab-opt loop` or `live`"
         raise ConfigurationError("plant.kind", table.kind, expected)
     if table.kind == "ideal":
         return IdealJoints(dt)

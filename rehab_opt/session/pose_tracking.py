@@ -370,14 +370,14 @@ class PoseTrackingScene(Scene):
         some = ticks[:: math.ceil(ticks.size / LOOKED_AT)]
         values = np.array([np.linalg.svd(chain.jacobian(each), compute_uv=False) for each in q[some]])
         fractions = dict(zip((f"{name} at its limit" for name in self.names), at_limit.mean(axis=0), strict=True))
-        fractions |= zip((f"{name} as fast as it may" for name in self.names), fast.mean(axis=0), strict=True)
-        fractions["the joints accelerate as they may"] = hard.any(axis=1)[ticks].mean()
+        fractions |= zip((f"{name} at its largest speed" for name in self.names), fast.mean(axis=0), strict=True)
+        fractions["the joints at their largest acceleration"] = hard.any(axis=1)[ticks].mean()
         fractions[f"the tool at its {most:g} m/s"] = np.mean(speed[ticks] > AT_SPEED * most)
         fractions["the posture nearly singular"] = np.mean(values[:, min(free, 6) - 1] < SINGULAR)
         causes = [f"{cause} ({fraction:.0%})" for cause, fraction in fractions.items() if fraction >= OFTEN]
         causes += [f"an arm of {free} joints, which cannot hold every orientation"] if free < 6 else []
-        bodies = ": is the way free?" if self.problem.clearance is not None else ""
-        otherwise = f"no joint was at a limit of its own, nor the posture singular{bodies}"
+        bodies = ": is the path free?" if self.problem.clearance is not None else ""
+        otherwise = f"no joint was at its own limit, and the posture was not singular{bodies}"
         k = int(np.argmax(np.maximum(error / BEHIND, turned / TURNED)))
         return NotMet(
             f"NOT FOLLOWED: for {behind.mean():.0%} of the time the tool was more than {MM * BEHIND:g} mm or "

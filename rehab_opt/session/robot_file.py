@@ -280,7 +280,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         raise RobotFileError(name, *_key_and_value(said, refused), _advice(refused.expected)) from refused
     slides = [joint for joint, row in zip(arm.names, arm.rows, strict=True) if row.prismatic]
     if slides:
-        expected = "where this joint is held: it slides, and problem files move only joints that turn"
+        expected = "its locked position: problem files move only revolute joints"
         raise RobotFileError(name, f"joints.{slides[0]}.locked_m", None, expected)
     unknown = sorted(said.joints.keys() - {*arm.names, *turned, *slid})
     if unknown:

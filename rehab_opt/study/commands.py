@@ -66,7 +66,7 @@ def show(study: StudyFolder, person: Somebody = None) -> None:
 @app.command()
 def compare(
     study: StudyFolder,
-    measure: Annotated[str, typer.Option(help="Name of a measure, as `show` says it.")],
+    measure: Annotated[str, typer.Option(help="Name of a measure, as in `show`.")],
     person: Somebody = None,
 ) -> None:
     """Compare a measure between groups and conditions: means over people, each counted once, and their trends."""
@@ -152,7 +152,7 @@ def report(
             continue
         no_folder(file, argument=argument)
         if file.resolve() in taken or study.resolve() in file.resolve().parents:
-            raise ConfigurationError(argument, str(file), "a file outside of the study, and another than the page")
+            raise ConfigurationError(argument, str(file), "a file outside the study that is not the page")
         taken.add(file.resolve())
         writable(file.parent, argument=argument)
     with _open(study) as store:

@@ -77,7 +77,7 @@ class ThinPlateSpline(PlaneMap):
             <= RESIDUAL * np.ptp(target, axis=0).max()
         ):
             raise ConfigurationError(
-                *_closest(square, source), "landmarks far enough apart to tell their targets apart"
+                *_closest(square, source), "landmarks far enough apart to distinguish their targets"
             )
         energy = 16.0 * math.pi * float((w * (K @ w)).sum()) / scale**2
         linear = b[1:] / scale

@@ -177,7 +177,7 @@ def test_an_arm_at_half_the_speed_still_arrives() -> None:
 def test_what_is_no_number_is_named_and_does_not_move_the_arm() -> None:
     commands, _ = run(200, lambda k, q: q * np.nan if 100 <= k < 103 else q, place(BASE, READY + 0.5))
     assert within_accelerations(commands)
-    assert "not a usable number" in commands[100].reason
+    assert "not a valid number" in commands[100].reason
     assert commands[103].status is Status.OK
 
 

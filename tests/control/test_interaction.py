@@ -64,7 +64,7 @@ class Felt:
         `away` (3,) [m] is how far the hand is off the reference of the last tick, NaN where that is not known.
         """
         self.state = self._felt.of(np.zeros(3) if force is None else force, force is not None, self.state, away)
-        return ("", "force is not a usable number", self.law.too_large(self.state))[int(self._felt.outputs[1][0])]
+        return ("", "force is not a valid number", self.law.too_large(self.state))[int(self._felt.outputs[1][0])]
 
 
 def pushes(rng: np.random.Generator, ticks: int, dt: float) -> dict[str, Array]:

@@ -85,7 +85,7 @@ def test_a_pose_ten_times_farther_than_the_arm_reaches_is_a_mistake_and_one_near
     assert not at[1].status.certified
     robot.step(START, np.full((4, 4), np.nan), REST)
     pose[0, 0] = np.nan
-    assert robot.step(START, pose, REST).reason == "pose[0, 0] is nan, not a usable number"
+    assert robot.step(START, pose, REST).reason == "pose[0, 0] is nan, not a valid number"
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)

@@ -119,7 +119,7 @@ def test_numbers_that_do_not_go_together_are_told_with_ones_that_do() -> None:
     assert "slew_limit = 200 N/s" in slew
     stiff = PotentialField(PATH, stiffness=5000.0, width=0.025, compile=False)
     (late, _) = Assistance(stiff, actuation_delay=0.02, **OPTIONS).notes
-    assert "swings ever more" in late
+    assert "oscillates with growing amplitude" in late
     # What is said to do does.
     limit = float(late.split("at most ")[1].split(" N/m")[0])
     times = {"delay": 0.021, "lag": 0.0, "velocity_lag": 0.01}

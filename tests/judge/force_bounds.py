@@ -21,7 +21,7 @@ GUARANTEES = ("G01", "G05", "G21")
 LEAST = {"solver closed form": 4.5e5,
          "at the force limit": 2000, "at the slew limit": 14_000, "held back by its growth": 5000, "relaxed slew": 50,
          "wanted in full": 14_000, "status releasing": 81, "status released": 5000, "reason not enabled": 300,
-         "reason x is (#, #), not a usable position": 300,
+         "reason x is (#, #), not a valid position": 300,
          "held back by energy": 300, "a gap just too long": 800, "a gap not quite too long": 800}  # fmt: skip
 CI_TICKS = 24_000
 GAPS, NEAR = 20, 1e-3

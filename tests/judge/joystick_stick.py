@@ -99,7 +99,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     verdict.holds("the frame is the chair's", [each.frame == "chassis" for each in found])
     verdict.during("moving", twist.any(axis=1), dt)
     verdict.during("in the dead zone", fraction == 0, dt)
-    verdict.during("to be let go first", reason == "the stick must be let go first", dt)
+    verdict.during("to be let go first", reason == "the stick must be released first", dt)
     verdict.during("numbers that are none", bad, dt)
     verdict.during("mode changed", changed, dt)
     verdict.during("rate limited", moving & (left > rate * dt), dt)

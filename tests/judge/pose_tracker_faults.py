@@ -20,8 +20,8 @@ from tests.judge.verdict import Verdict
 
 GUARANTEES = ("G01", "G05")
 LEAST = {"status braking": 3000, "status holding": 10_000, "reason not enabled": 1000, "reason stamp repeated": 500,
-         "reason q[#] is #, not a usable number": 1000, "reason pose is not a rigid transform": 500,
-         "reason twist[#] is #, not a usable number": 500, "reason pose[#, #] is #, not a usable number": 500,
+         "reason q[#] is #, not a valid number": 1000, "reason pose is not a rigid transform": 500,
+         "reason twist[#] is #, not a valid number": 500, "reason pose[#, #] is #, not a valid number": 500,
          "reason stamp is not finite": 500, "reason stamp is missing": 500, "fault gap": 20,
          "reason stamp went backwards by # s": 500, "resumed": 2000,
          "joints wait for the one that rests last": 500, "taken to be at rest after a gap": 20}  # fmt: skip

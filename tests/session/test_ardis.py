@@ -163,10 +163,10 @@ def not_met(notes: tuple[str, ...]) -> list[str]:
 def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> None:
     config = steered(tmp_path, "0,1,0,0,0\n1,1,0,0,0\n2,0,0,0,0\n3,1,0,0,0\n4,0,0,0,0\n", [5.0, 0.0, 0.7])
     outcome = run_problem(config)
-    note = "mecanum drive: for 2.0 s the stick moves nothing: the stick must be let go first"
+    note = "mecanum drive: for 2.0 s the stick moves nothing: the stick must be released first"
     assert not_met(checked(config)) == not_met(outcome.notes) == [note]
     for law, numbers in outcome.metrics["drives"]["mecanum"].items():
-        assert numbers["stick_ignored"] == {"the stick must be let go first": 200}, law
+        assert numbers["stick_ignored"] == {"the stick must be released first": 200}, law
         assert not outcome.traces["mecanum", law]["_world"][:200].any()
     assert sum(reason != "" for reason in dict(outcome.trace())["stick_ignored"]) == 2 * 200
     files = write_report(outcome, tmp_path / "out")
@@ -176,7 +176,7 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> 
     text = io.StringIO()
     system = ArdisSystem()
     Console(file=text, width=200).print(system.table(outcome))
-    assert "200 the stick must be let go first" in " ".join(text.getvalue().split())
+    assert "200 the stick must be released first" in " ".join(text.getvalue().split())
     assert system.brief(outcome).row_count <= 8 < system.table(outcome).row_count
 
 
@@ -203,7 +203,7 @@ def test_chair_that_stops_by_itself_says_why(tmp_path: Path, monkeypatch: pytest
 
 def test_check_says_that_nothing_is_asked_for_and_that_a_goal_is_below_the_floor(tmp_path: Path) -> None:
     still = "0,0,0,0,0\n1,0.1,0,0,0\n"  # within the dead zone
-    idle, below = "mecanum drive: the stick asks for nothing", "goal 'there' is below the floor"
+    idle, below = "mecanum drive: the stick commands nothing", "goal 'there' is below the floor"
     assert not_met(checked(steered(tmp_path, still, [1.0, 0.0, -0.5]))) == [idle, below]
     assert not_met(checked(steered(tmp_path, still + "2,1,0,0,0\n", [1.0, 0.0, -0.03]))) == []
 

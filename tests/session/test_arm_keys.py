@@ -80,7 +80,7 @@ def test_angles_that_nobody_has_are_refused_with_what_they_look_like(written: Wr
         ((keys(HEALTHY, convention=True, scale=np.pi / 180),), "arm.range_of_motion.", "_deg", "look like radians"),
         ((keys(bent, convention=True),), "elbow_flexion_deg", "180 deg at the straight"),
         ((keys(turned, convention=True),), "forearm_pronation_deg", "as ISB does"),
-        ((keys(named, convention=False),), "_deg", "as a goniometer does"),
+        ((keys(named, convention=False),), "_deg", "goniometer angles"),
         ((keys({**REGULAR, "wrist_supination": (-130, 30)}, convention=False),), "wrist_supination_deg", "goniometer"),
         ((keys(HEALTHY, convention=False),), "shoulder_flexion_deg", "one of the keys"),
         error=ProblemFileError,

@@ -141,7 +141,7 @@ def test_the_stick_must_be_let_go_after_the_dead_man_was() -> None:
     ticks(control, push._replace(enable=False), 200)
     held = ticks(control, push, 100)[-1]
     assert not held.value.any()
-    assert held.reason == "the stick must be let go first"
+    assert held.reason == "the stick must be released first"
     ticks(control, LiveInputs(enable=True), 2)
     assert np.abs(ticks(control, push, 50)[-1].value).max() > 0.05
 

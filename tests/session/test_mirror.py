@@ -208,7 +208,7 @@ def test_a_recording_of_a_few_samples_is_checked_and_one_that_trembles_told_of(t
     assert not any("tremor" in note for note in (*notes(rows[:4]), *notes(rows[:450])))
     still = [",".join([*row.split(",")[:1], *rows[0].split(",")[1:4], *row.split(",")[4:]]) for row in rows[:100]]
     for given, said in ((still, True), (rows[:450], False)):
-        assert ("the hand stays within 1 mm: at most it turns" in notes(given)) is said
+        assert ("the hand stays within 1 mm: it only turns, if at all" in notes(given)) is said
     noise, shaken = np.random.default_rng(2).normal(scale=2e-3, size=(450, 3)), []
     for row, by in zip(rows, noise, strict=False):
         cells = row.split(",")
@@ -223,7 +223,7 @@ def test_a_start_inside_a_keep_out_is_told(tmp_path: Path) -> None:
     given["tracker"]["keep_out"][1]["point_m"] = [0.4, 0.0, 0.0]
     told = [note for note in shortly(tmp_path, given).notes if "keep_out" in note]
     assert len(told) == 1
-    assert "mm inside tracker.keep_out.1, and goes no deeper" in told[0]
+    assert "mm inside tracker.keep_out.1, and moves no deeper" in told[0]
 
 
 def test_lost_sight_is_held_told_and_gone_on_from(blinded: Outcome, tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_lost_sight_is_held_told_and_gone_on_from(blinded: Outcome, tmp_path: Pa
     lost = np.flatnonzero(np.isin(led.status, ("braking", "holding")))
     assert len(lost) > 0.4 * 200
     assert change[lost[0] - 1 : lost[0] + 20].max() <= 15.0 / 200 + 1e-9  # in full motion, and far from where it began
-    assert all("not a usable number" in led.reasons[k] for k in lost)
+    assert all("not a valid number" in led.reasons[k] for k in lost)
     np.testing.assert_allclose(led.command[lost[60]], 0.0, atol=1e-9)
     assert led.deviation[-1] < 5e-4
     json.loads(metrics_json(blinded), parse_constant=pytest.fail)
@@ -412,7 +412,7 @@ def test_fault_of_a_recording_is_refused_with_its_place(tmp_path: Path) -> None:
         ((HEADER, "0,0,0,0,0,0,0,1", "1,0,0,0"), "line 3", "8, as in the header"),
         ((HEADER, *["0,zero,0,0,0,0,0,1"] * 3), "line 2, column x_m", "a finite number"),
         ((HEADER, *["0,900,0,0,0,0,0,1"] * 3), "sample 1", "another unit"),
-        ((HEADER, *["0,,,,,,,"] * 5), "samples", "usable"),
+        ((HEADER, *["0,,,,,,,"] * 5), "samples", "valid"),
         ((HEADER, *["1,0.3,0.8,0.6,0,0,0,1"] * 5), "times", "valid"),
         ((HEADER, *TOO_LONG), "tracker.rate_hz", "2000000 ticks"),
         error=ProblemFileError,

@@ -42,7 +42,7 @@ def test_a_plant_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -
     refuses(
         lambda keys: changed("robot/ur5_circle", plant=keys),
         (({"kind": "gazebo"},), "plant.kind", "'ideal', 'mujoco', 'ur', 'franka' or 'ros2'"),
-        (({"command_delay_ms": 2.0},), "plant.command_delay_ms", 'no such key but for kind = "mujoco"'),
+        (({"command_delay_ms": 2.0},), "plant.command_delay_ms", 'no such key except for kind = "mujoco"'),
         (({"kind": "mujoco", "noise": 1.0},), "plant.noise", "one of the keys"),
         error=ProblemFileError,
     )

@@ -53,7 +53,7 @@ class RobotSection(Section):
             return self
         for key, own in (("mount_height_m", "mount_m"), ("payload_kg", "payload_kg")):
             if key in self.model_fields_set:
-                raise refusal(key, getattr(self, key), f"no such key beside file: the robot file says {own}")
+                raise refusal(key, getattr(self, key), f"no such key beside file: the robot file has {own}")
         if self.arm_deg is None:
             raise refusal("arm_deg", None, "where the arm of the robot file begins, an entry for each of its joints")
         return self

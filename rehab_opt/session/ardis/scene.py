@@ -161,7 +161,7 @@ class ArdisScene(Scene):
         yield from (RECORDED,) if problem.stick.recordings else ()
         yield from () if problem.plant.kind == "ideal" else (SENT,)
         yield ROBOT_OF_PAPER if problem.robot.file is None else ROBOT_OF_FILE
-        yield "walls and posts are kept from the chair's outline; the arm may reach over them"
+        yield "the chair's outline avoids walls and posts; the arm may reach over them"
         yield from self.chain.notes
         near = self.near(trace)
         yield from () if near is None else (f"{self.drive} drive: {near.note}",)
@@ -197,10 +197,10 @@ ROBOT_OF_FILE = (
     "the arm's numbers are from its robot file says"
 )
 IGNORED = "the stick moves nothing"
-STOPPED = "chair and arm brake or rest, whatever the stick asks for"
-USER = "each controller is steered by a simulated user of its own, who watches the hand and moves the stick"
-RECORDED = "the recorded stick does not react to the robot: each controller gets the same one"
-SENT = "speeds and accelerations are those that were sent"
+STOPPED = "chair and arm brake or rest despite the stick's command"
+USER = "each controller has its own simulated user, who watches the hand and moves the stick"
+RECORDED = "the recorded stick does not react to the robot: all controllers get the same"
+SENT = "speeds and accelerations are those of the commands"
 
 
 def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str) -> Iterator[NotMet]:
@@ -234,7 +234,7 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
             told = [joystick.step(**(stick.at(each) or LET_GO)._asdict()) for each in moments]
             notes += _stick_notes(drive, [each.reason for each in told], dt, IGNORED)
             if not any(each.reason or each.twist.any() for each in told):
-                notes.append(NotMet(f"{drive} drive: the stick asks for nothing"))
+                notes.append(NotMet(f"{drive} drive: the stick commands nothing"))
         low = [goal.name for goal in config.problem.goals if goal.hand_m[2] < -goal.within_m]
         return (*notes, *(NotMet(f"goal {name!r} is below the floor") for name in low))
 

@@ -111,7 +111,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
     table = _below(lines, POINTS, (mark, point), name=name)
     if not np.all(np.abs(table) <= FAR):
         row = int(np.argmin(np.all(np.abs(table) <= FAR, axis=1))) + 2
-        raise ProblemFileError(name, f"line {row}", "not usable", f"finite numbers up to {FAR:g} m")
+        raise ProblemFileError(name, f"line {row}", "not valid", f"finite numbers up to {FAR:g} m")
     return table[:, :3], table[:, 3:]
 
 
@@ -127,7 +127,7 @@ def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, s
 def _numbers(
     rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str | None, str], *, name: str, first: int
 ) -> Array:
-    """(rows, len(wanted)) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
+    """(rows, columns) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
     lost, (mark, point) = dict.fromkeys(wanted, MISSING), marked
     table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=mark, point=point, missing=lost)
     if len(table) < 3:

@@ -78,7 +78,7 @@ class LiveMirror(LiveProblem):
             "noise": "mrad",
             "plots": [
                 {"name": "hand from the mirrored pose", "unit": "mm", "line": section.max_deviation_mm},
-                {"name": "manipulability, share of largest", "unit": "", "line": section.floor},
+                {"name": "manipulability, fraction of the largest", "unit": "", "line": section.floor},
                 {"name": "behind the recording", "unit": "s", "least": 0.5},
                 {"name": "joint-limit margin", "unit": "deg"},
                 {"name": "force", "unit": "N", "least": 10.0},

@@ -83,7 +83,7 @@ def found_place(
     if config.problem.placement.origin_m is None:
         raise ProblemFileError(
             config.file, "placement.calibration_file", config.problem.placement.calibration_file,
-            "origin_m: where the recording lies was measured, and is not to be chosen",
+            "origin_m: a calibrated frame is measured and cannot be chosen",
         )  # fmt: skip
     scene = laid_out(config)
     tracker = tracker_of(config.problem, scene, file=config.file)
@@ -102,7 +102,7 @@ def found_place(
             break
     progress("seats", 1, 1)
     if not tried:
-        expected = "a recording of which the robot, above its floor, and the person's arm can do some"
+        expected = "a recording that the robot, above its floor, and the person's arm can follow in part"
         raise ProblemFileError(config.file, "recording.file", config.problem.recording.file, expected)
     best = Place({}, -math.inf, 0.0)
     for number, seat in enumerate(tried):

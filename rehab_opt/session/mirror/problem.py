@@ -114,7 +114,7 @@ class VrPlacementSection(Section):
         if self.calibration_file is not None:
             if self.origin_m is not None or self.turn_deg:
                 key, value = ("origin_m", self.origin_m) if self.origin_m is not None else ("turn_deg", self.turn_deg)
-                raise refusal(key, value, "no such key beside calibration_file, which says where the frame lies")
+                raise refusal(key, value, "no such key beside calibration_file, which defines the frame")
             if self.recorded_arm_m is not None or self.arm_m is not None:
                 raise refusal("arm_m", self.arm_m, "no such key beside calibration_file: its lengths are true")
         if (self.recorded_arm_m is None) != (self.arm_m is None):

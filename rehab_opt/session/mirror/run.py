@@ -127,14 +127,14 @@ FAR = 1e-3
 
 
 def _notes(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> Iterator[str]:
-    yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are lost from the text at hand"
+    yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are missing in our copy"
     yield plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded")
     if problem.plant.kind != "ideal":
-        yield "the plan is a plan: only what goes tick by tick was run on that robot"
+        yield "the plan was not run on that robot, only the controllers that run tick by tick"
     first = scene.reference.poses[~scene.reference.lost][0]
     away = float(np.linalg.norm(scene.robot.pose(scene.start)[:3, 3] - first[:3, 3]))
     if away > FAR:
-        yield f"the robot starts {1e3 * away:.0f} mm from the first pose, and goes there first; '{BEFORE}' begins there"
+        yield f"the robot starts {1e3 * away:.0f} mm from the first pose and moves there first; '{BEFORE}' begins there"
     if scene.person is not None:
         yield "the reference is limited to the led arm's range of motion; distances are to the mirrored one"
     w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
@@ -143,7 +143,7 @@ def _notes(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> Iter
     for i, plane in enumerate(tracker.hand_bounds.planes):
         height = tracker.hand_bounds.min_heights(scene.start[None], plane).item()
         if height < 0.0:
-            yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and goes no deeper"
+            yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and moves no deeper"
 
 
 class MirrorSystem(System[MirrorProblem, LedScene]):
@@ -220,7 +220,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         yield from (*task.setup.notes, *path_notes(task.setup), *_notes(task.problem, task.setup, task.tracker))
         for (name,), of in numbers.items():
             if not of["complete"]:
-                yield f"{name}: INCOMPLETE, the reference's end was not reached within the patience"
+                yield f"{name}: INCOMPLETE, the reference's end was not reached within tracker.patience"
         yield from () if near is None else (near.note,)
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:

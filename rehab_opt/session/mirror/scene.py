@@ -143,7 +143,7 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
     tools = moved @ mirror.poses(np.linalg.inv(moved) @ poses) @ grip
     valid = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
     if not valid.size:
-        raise ProblemFileError(section.file, "samples", 0, "at least 3 usable samples together")
+        raise ProblemFileError(section.file, "samples", 0, "at least 3 valid samples in a row")
     seconds, rate = float(np.ptp(seen.times[valid])), problem.tracker.rate_hz
     if seconds * rate > MAX_TICKS:
         expected = f"at most {MAX_TICKS} ticks in the recording's {seconds:g} s"
@@ -201,15 +201,15 @@ def path_notes(scene: Setup) -> Iterator[str]:
     yield size_note(reference)
     yield from strange_sizes(reference)
     if np.ptp(reference.points, axis=0).max() < STILL:
-        yield f"the hand stays within {1e3 * STILL:g} mm: at most it turns"
+        yield f"the hand stays within {1e3 * STILL:g} mm: it only turns, if at all"
     rate, whole = 1.0 / (times[1] - times[0]), _way(reference.points)
     # Of less than a period nothing can be told.
     slow = _way(low_passed(reference.points, rate, cutoff_hz=SLOW)) if len(reference.points) > rate else whole
     if whole - slow > TREMBLES * slow:
-        longer = f"{1e2 * (whole - slow) / slow:.0f} % longer for what is faster than {SLOW:g} Hz"
+        longer = f"{1e2 * (whole - slow) / slow:.0f} % longer because of motion above {SLOW:g} Hz"
         yield (
-            f"the hand's way is {longer}: tremor, or noise of its sensor, which slow what is led; a lower "
-            "conditioning.cutoff_hz takes them off, and lags more"
+            f"the hand's path is {longer}: tremor or sensor noise, which slows the led hand; a lower "
+            "conditioning.cutoff_hz removes it, and lags more"
         )
     if scene.person is None:
         return

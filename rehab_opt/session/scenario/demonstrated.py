@@ -146,7 +146,7 @@ def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> I
         file = problem.task.demonstrations.files[int(np.argmax(slow))]
         yield (
             f"{file}: the hand rests in {100 * max(slow):.0f} % of the samples, which count like the others: S and D "
-            "are largely those of the rests, unless they are cut off"
+            "mostly describe the rests, unless these are cut off"
         )
     largest, limit = max(float(np.linalg.norm(each.forces, axis=1).max()) for each in shown), problem.assistance
     if largest > 2 * limit.force_limit_N:
@@ -177,6 +177,6 @@ def _fit_notes(fit: Fit, shown: int) -> Iterator[str]:
             f"{fit.constant_stiffness_error:.2g} N){bad}"
         )
     if not said["stiffness"] > CLEARLY * spread["stiffness"]:
-        yield "the demonstrations hardly tell S: more of them, or such as stray further from the path, would"
+        yield "the demonstrations hardly determine S: add more, or some that deviate further from the path"
     if fit.unidentified:
         yield f"the demonstrations leave {', '.join(fit.unidentified)} open: its value means nothing"

@@ -150,7 +150,7 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         fields = _fields(problem, path) if led is None else (led.field,)
     intention = _intention(problem, path)
     if problem.mode in THERAPY and np.all(comfortable.contains(intention.places)):
-        notes.append(NotMet("all that the person means to do is within W_c (arm.comfortable), where no force is given"))
+        notes.append(NotMet("the whole intended motion is within W_c (arm.comfortable), where the force is zero"))
     return Precomputed(
         comfortable=comfortable,
         reachable=reachable,

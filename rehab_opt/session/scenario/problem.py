@@ -273,11 +273,9 @@ class ScenarioProblem(Problem):
                 raise refusal("field.widths_mm", said.widths_mm, "width_mm, where there are no task.demonstrations")
             return self
         if self.mode not in LEARNT:
-            raise refusal("task.demonstrations", self.mode, f"no such key but for mode = {' or '.join(LEARNT)}")
+            raise refusal("task.demonstrations", self.mode, f"no such key except for mode = {' or '.join(LEARNT)}")
         if said.widths_mm is None:
-            raise refusal(
-                "field.widths_mm", None, "widths, of which the one that held-out demonstrations prefer is taken"
-            )
+            raise refusal("field.widths_mm", None, "widths, from which held-out demonstrations select one")
         for key in ("stiffness_N_m", "width_mm", "drag_N_m", "damping_Ns_m"):
             if key in said.model_fields_set:
                 raise refusal(f"field.{key}", getattr(said, key), "no such key: it is learnt from task.demonstrations")
@@ -294,20 +292,20 @@ class ScenarioProblem(Problem):
         if self.mode == "resist" and drives.drag_N_m:
             raise refusal("field.drag_N_m", drives.drag_N_m, "0: resistance is set by resistance_N")
         if self.mode == "hold" and drives.drag_N_m:
-            raise refusal("field.drag_N_m", drives.drag_N_m, "0: a point has no way to be dragged along")
+            raise refusal("field.drag_N_m", drives.drag_N_m, "0: a point has no path to be dragged along")
         if self.mode != "hold" and task.points_m is not None and len(task.points_m) < 2:
             raise refusal("task.points_m", task.points_m, "at least two points of a path")
         if self.mode == "hold" and task.points_m is None:
             raise refusal("task.points_m", None, "the points to be held")
         pairs = [law for law in self.run.laws if law in ("together", "delayed")]
         if pairs and not (self.mode == "follow" and task.mapped):
-            raise refusal("run.laws", pairs[0], 'other laws, but for mode = "follow" and a mapped path')
+            raise refusal("run.laws", pairs[0], 'other controllers, except for mode = "follow" and a mapped path')
         if self.person.aims == "path" and self.mode != "follow":
             raise refusal("person.aims", self.person.aims, '"clock", but for mode = "follow"')
         if task.start_m is not None and self.mode != "stretch":
-            raise refusal("task.start_m", task.start_m, 'no such key but for mode = "stretch"')
+            raise refusal("task.start_m", task.start_m, 'no such key except for mode = "stretch"')
         if task.start_m is None and self.mode == "stretch":
-            raise refusal("task.start_m", None, "where the hand is before it goes to the line")
+            raise refusal("task.start_m", None, "position of the hand before it moves to the line")
         return self
 
     @model_validator(mode="after")
@@ -328,5 +326,5 @@ class ScenarioProblem(Problem):
             told = f"at most {int(MAX_TICKS / (seconds * rate * len(self.run.laws)))}"
             if ticks > task.trials * MAX_TICKS:
                 told = "shorter trials or a lower run.rate_hz"
-            raise refusal("task.trials", task.trials, f"{told}: {ticks:.3g} ticks of all laws, {MAX_TICKS} fit")
+            raise refusal("task.trials", task.trials, f"{told}: {ticks:.3g} ticks of all controllers, {MAX_TICKS} fit")
         return self

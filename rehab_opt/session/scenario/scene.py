@@ -38,7 +38,7 @@ FAR = 0.05
 """[m] A hand further outside the reachable workspace is not realistic: joints yield less than that."""
 
 WORSE = {
-    "from_intended_mean_m": "was further from where the person meant to be",
+    "from_intended_mean_m": "was further from the person's intended position",
     "deviation_mean_m": "deviated more",
     "reference_covered_fraction": "covered less",
 }
@@ -187,7 +187,7 @@ def _along(
                 yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
         let_go = np.concatenate([trial["_let_go"] for trial in trials[law]])
         if let_go.any():
-            yield f"{law}: a hand that stood under force was let go, for {100 * let_go.mean():.2g} % of the time"
+            yield f"{law}: a hand that stood under force was released, for {100 * let_go.mean():.2g} % of the time"
         far = 1e3 * max(float(np.max(context.comfortable.distance(trial["_hand"]))) for trial in trials[law])
         if far > problem.task.within_mm:
             yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"

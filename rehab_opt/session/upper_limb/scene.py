@@ -235,7 +235,7 @@ def _published(chosen: Mapping[str, float], *, winds_up: bool) -> Iterator[str]:
     if winds_up:
         yield (
             "the published controller winds up: after a sample out of its reach its joints may stay at their limits, "
-            "and samples within reach be missed too"
+            "and miss samples within reach"
         )
 
 
@@ -273,7 +273,7 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         if law not in ("both", *LAWS):
             raise ConfigurationError("--law", law, "published, optimised or both")
         if solver is not None and law == "published":
-            raise ConfigurationError("--solver", solver, "no such option with --law published, which needs no solver")
+            raise ConfigurationError("--solver", solver, "no such option with `--law published`, which needs no solver")
         return {(): FollowedPath(config, LAWS if law == "both" else (law,), solver)}
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:

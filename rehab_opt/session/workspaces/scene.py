@@ -181,7 +181,7 @@ def fraction_inside(workspace: Workspace, larger: Workspace) -> float | None:
 def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterator[str]:
     """Notes for a reader of the areas."""
     yield f"the plane lies {plane_words(section)}; {handle_words(section)}"
-    yield "what joint limits and segment lengths allow: no muscle, no contact, no effort is part of it"
+    yield "computed from joint limits and segment lengths alone, without muscles, contact and effort"
     for name, workspace in spaces.items():
         if workspace.empty:
             yield f"{name}: EMPTY, {workspace.reason}"
