@@ -100,7 +100,7 @@ class ParticipantSide(OneThread):
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class HelperSide(OneThread):
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     def __init__(

@@ -115,7 +115,7 @@ class BoundedForce(OneThread):
 
     Raises
     ------
-    ConfigurationError : an argument that cannot be used.
+    ConfigurationError : an invalid argument.
     """
 
     valid: bool

@@ -208,7 +208,7 @@ class HandTask:
         return Row(ca.densify(then), lower - fixed, upper - fixed)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on a command, see `ASIDE`; 1 with fewer rows or a moving chair, which leave self-motion."""
+        """Factor on a command, see `ASIDE`; 1 if fewer rows, or a moving chair, leave self-motion."""
         if self.moving[0] < CHAIR or not {"x", "y", "z"} <= set(self.rows):
             return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])

@@ -91,8 +91,8 @@ class ArmKeepOuts:
     def _rows(self) -> ca.Function:
         """Arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and their upper bounds [m/s].
 
-        First those of the current posture, negative within its margin; then, for each, those of the place with the
-        least distance on the way to rest, beyond the part that braking uses.
+        First those of the current posture, negative within its margin. Then those of the place with the least distance
+        on the way to rest; their bounds leave room for the braking.
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time

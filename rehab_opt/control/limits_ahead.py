@@ -124,7 +124,7 @@ class HandSpeed(Bound):
         self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
-        """Larger ratio of the speeds of a twist (6,) to their limits."""
+        """The larger of the two ratios of a twist's (6,) speeds to their limits."""
         return ca.fmax(ca.norm_2(twist[:3]) / self._most[0], ca.norm_2(twist[3:]) / self._most[1])
 
     def part(self, jacobian: ca.SX, a: ca.SX, b: ca.SX) -> ca.SX:

@@ -21,7 +21,9 @@ __all__ = ["arm_on_chair"]
 
 Array = NDArray[np.float64]
 
-MASSLESS = "no link of the arm has a mass in its file: chair and arm share the motion by the chair's mass and the rotors"
+MASSLESS = (
+    "no link of the arm has a mass in its file: chair and arm share the motion by the chair's mass and the rotors"
+)
 
 # World to forward, forward to left, left to turn: rotations whose z lies along x, along y, and up.
 _FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

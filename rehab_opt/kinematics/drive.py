@@ -102,8 +102,8 @@ class Drive(ABC):
 class Omnidirectional(Drive):
     """A base that is commanded by its twist and moves in every direction; its wheels are not modelled.
 
-    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounded are the speed along the floor, the
-    turn rate, and the accelerations forward, to the left and turning.
+    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounds apply to the speed along the floor, the
+    turn rate, and the accelerations forward, left and turning.
     """
 
     radius = 1.0

@@ -83,8 +83,8 @@ def state_layout(
     record : number of the record, from 1. tick : number of the tick, from 0, skipped ones included. time : [s] deadline
         since the loop's start. clock : [s] deadline on `time.monotonic`.
     stamp : [s] of the measurement, on the plant's clock. position, velocity (joints,), force (force,) : measured.
-    enabled : 1 if the controller was enabled. asked_before : 0, or, if the controller was called twice in this tick, 1
-        if the first call was not enabled and 2 if it was. age : [s] of the measurement when the command was sent.
+    enabled : 1 if the controller was enabled. age : [s] of the measurement when the command was sent.
+    asked_before : 0 if the controller was called once; if twice, 2 if the first call was enabled, else 1.
     held : 1 while the dead man's switch is held. operated : 1 after the operator's first record. Then all fields of
         `operator` with the prefix `operator_`.
     command (command,) : the command, and wheels (wheels,). scale, residual, relaxed : see `Command`. true_position,

@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 STILL, HURLED = 1e-3, 50.0
 """[m/s] A hand that is always slower rests; one that is faster for a tenth of the time has wrong units."""
 SURE, NEVER = 4.5, 7.0
-"""Standard deviations of noise per coordinate that one in 6000 samples (in space) of a resting hand exceeds, and that
-none does."""
+"""Speeds, in standard deviations of the noise per coordinate: one in 6000 samples (in space) of a resting hand exceeds
+the first, none the second."""
 CHANCE = 0.7
 """The squared jerk of noise varies by this fraction from second to second."""
 NORMAL_MEDIAN = 0.6745

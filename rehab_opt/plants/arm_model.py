@@ -72,8 +72,8 @@ class ArmModel:
 
 
 COULOMB_SHARE, VISCOUS_SHARE, ROTOR_SHARE = 0.04, 0.04, 0.003
-"""[1], [s], [s^2] Assumption: dry friction, viscous friction and rotor inertia over the largest effort. Robot files
-have none, so these are the ratios of `ur5_model`."""
+"""[1], [s], [s^2] Assumed ratios of dry friction, viscous friction and rotor inertia to the largest effort: those of
+`ur5_model`, since robot files have none."""
 
 
 def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:

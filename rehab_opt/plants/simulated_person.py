@@ -48,7 +48,7 @@ class Person:
     tremor, tremor_hz : [N] root mean square of the vector's length, [Hz] centre of three lines.
     spasm_rate, spasm_force, spasm_time : [1/s] rate, [N] mean peak, [s] mean length of involuntary bursts in random
         directions.
-    aims, ahead : "clock" or "path", see `AIMS`; [m] of the path at most, for "path".
+    aims, ahead : "clock" or "path", see `AIMS`; [m] largest distance ahead on the path, for "path".
     """
 
     hand_mass: float = 1.2

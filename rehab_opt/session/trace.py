@@ -39,9 +39,7 @@ class Trace(dict[str, NDArray[Any]]):
 
 
 def stacked(traces: Mapping[tuple[Any, ...], Trace], labels: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Written columns of several traces, one below the other, with a label column for each level of the names; 0 for
-    columns that a trace lacks.
-    """
+    """Written columns of several traces, one below the other, with a label column per level of names; 0 if missing."""
     tables = {key: dict(trace.written()) for key, trace in traces.items()}
     sizes = [len(table["t_s"]) for table in tables.values()]
     for i, label in enumerate(labels):

@@ -96,9 +96,7 @@ def export(
     person: Somebody = None,
     format: Annotated[str, typer.Option("--format", help="csv, parquet.")] = "csv",
 ) -> None:
-    """Write measures.csv in long format; for one person the whole content of the study, including problems and
-    traces.
-    """
+    """Write measures.csv in long format; for one person the whole content of the study."""
     from rehab_opt.study.person import exported  # noqa: PLC0415
 
     one_of("--format", format, ("csv", "parquet"))

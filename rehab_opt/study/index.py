@@ -170,9 +170,7 @@ class Index:
 
     @contextmanager
     def transaction(self, kind: str = "IMMEDIATE") -> Iterator[None]:
-        """A transaction: all of it or nothing; other writers wait. With the kind DEFERRED, all reads see the state of
-        one moment.
-        """
+        """A transaction: all of it or nothing; with DEFERRED, all reads see the state of one moment."""
         self.db.execute(f"BEGIN {kind}")
         with self.db:
             yield

@@ -69,9 +69,7 @@ def exported(study: Study, person: str | None, folder: Path, *, parquet: bool = 
 
 
 def _parquet(table: Path) -> Path:
-    """measures.csv as Parquet; every column except visit, trial and value is text, so that a pseudonym 007 does not
-    become 7.
-    """
+    """measures.csv as Parquet; all but visit, trial and value is text, so that a pseudonym 007 stays 007."""
     try:
         import pyarrow  # noqa: PLC0415
         import pyarrow.csv  # noqa: PLC0415
@@ -89,9 +87,7 @@ def _parquet(table: Path) -> Path:
 
 
 def note_written(study: Study, paths: Iterable[Path], person: str | None) -> None:
-    """Store the paths of exports and reports of a person, or of all people: they are deleted with any person in
-    them.
-    """
+    """Store paths of exports and reports of a person, or all people: they are deleted with any person in them."""
     mark = study.folder / MARK
     with suppress(ConfigurationError), study.writing():  # where nothing can be written, nobody can be removed
         known = content_of(mark)

@@ -253,9 +253,7 @@ def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | Non
 
 
 def _ground(study: Study, person: str | None) -> Iterator[dict[str, str]]:
-    """For a person the area of each session, from light to dark, first and last in colour; for groups only these
-    two.
-    """
+    """For a person each session's area, from light to dark, first and last in colour; for groups only these two."""
     from shapely import MultiPoint  # noqa: PLC0415
 
     groups: dict[str, list[list[Any]]] = defaultdict(list)

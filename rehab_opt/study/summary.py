@@ -49,9 +49,7 @@ class Quantity(NamedTuple):
 
 
 class SessionMean(NamedTuple):
-    """One person's session under one condition: its number for this person, from 0, its trials' values, and their
-    mean.
-    """
+    """One person's session under one condition: its number, from 0, its trials' values, and their mean."""
 
     person: str
     group: str | None
@@ -202,9 +200,7 @@ def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
-    """Slope of each person's straight line through their sessions [per session]; for people with at least two
-    sessions.
-    """
+    """Slope of each person's straight line through their sessions [per session]; with at least two sessions."""
     by_person = grouped(means, lambda each: each.person)
     found = {
         person: _slope([each.order for each in own], [each.mean for each in own]) for person, own in by_person.items()

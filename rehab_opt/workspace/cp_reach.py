@@ -175,7 +175,8 @@ def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[st
     """Curves (limbs, T) [rad] of each model joint; for shoulder and wrist every combination of rows is a limb.
 
     Rows of elevation plane and axial rotation belong together: the same rows are missing from both files. At the start,
-    where the two compensate each other, they correlate by -0.41 to -0.85; at most 4 % of shuffles do.
+    where the two compensate each other, their correlation is -0.41 to -0.85; at most 4 % of random permutations of the
+    rows reach that.
     """
     scapula = model_scapula(angles["ScPro"])
     turn, adduction, flexion = model_shoulder(*_shoulder_rows(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))

@@ -83,7 +83,7 @@ def largest_copy(
 
 
 def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"]) -> Similarity:
-    """Search in units of the polygon's size, the path centred and of unit size."""
+    """The largest copy, computed with the path centred and scaled to unit size."""
     import shapely  # noqa: PLC0415  (light to import)
     from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 

@@ -35,7 +35,7 @@ __all__ = ["ScenarioSystem", "TrialScene", "trials_of"]
 
 Config = ProblemFile[ScenarioProblem]
 FAR = 0.05
-"""[m] A hand further outside the reachable workspace is not realistic: joints yield less than that."""
+"""[m] A hand further outside the reachable workspace is not realistic, because joints cannot yield that much."""
 
 WORSE = {
     "from_intended_mean_m": "was further from the person's intended position",
