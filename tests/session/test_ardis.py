@@ -197,7 +197,7 @@ def test_chair_that_stops_by_itself_says_why(tmp_path: Path, monkeypatch: pytest
     assert reason.startswith(f"{joint} does not follow: ")
     (note,) = not_met(outcome.notes)
     assert note.startswith("mecanum drive: for ")
-    assert note.endswith(f"whatever the stick asks for: {reason}")
+    assert note.endswith(f"despite the stick's command: {reason}")
     assert sum(each == reason for each in dict(outcome.trace())["stopped"]) == ticks
 
 

@@ -163,7 +163,7 @@ def test_a_fault_of_a_robot_file_is_refused_with_its_key(problem: Callable[..., 
     edges, mine = [*gen3(), LIFT], MINE.replace("l6", "lifted")
     refuses(
         lambda more: checked(load_problem(problem(mine + more, edges=edges))),
-        (("",), "joints.lift.locked_m = None: expected where this joint is held"),
+        (("",), "joints.lift.locked_m = None: expected its locked position"),
         (("[joints.lift]\nlocked_deg = 30",), "lift.locked_deg = 30.0: expected metres: the joint slides"),
         error=ProblemFileError,
     )
