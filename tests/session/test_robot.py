@@ -179,7 +179,9 @@ def test_stamps_of_when_samples_arrive_and_spikes_are_no_jumps(tmp_path: Path) -
     ("robot", "stretch", "cause"),
     [
         ("joint_speed_deg_s = 8.0", 1.0, "at its largest speed"),
-        pytest.param("joint_acceleration_deg_s2 = 10.0", 1.0, "at their largest acceleration", marks=pytest.mark.nightly),
+        pytest.param(
+            "joint_acceleration_deg_s2 = 10.0", 1.0, "at their largest acceleration", marks=pytest.mark.nightly
+        ),
         pytest.param("", 12.0, "singular", marks=pytest.mark.nightly),
         ("five", 1.0, "an arm of 5 joints, which cannot hold every orientation"),
     ],
