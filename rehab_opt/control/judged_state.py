@@ -48,8 +48,8 @@ def judged_state(
 ) -> ca.Function:
     """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
-    After a pause of the stamps the joints restart at rest at their measured positions, unless they have moved on as
-    commanded; a command that so drops to rest is flagged (`Relaxed.ACCELERATION`). The memory of a resting robot that
+    After a pause of the stamps the joints restart at rest at their measured positions, unless they have continued as
+    commanded; a command that jumps to rest is flagged (`Relaxed.ACCELERATION`). The memory of a resting robot that
     is not enabled is cleared: it may be moved by hand, and this acknowledges a fault. Reference positions replace the
     measured ones.
 

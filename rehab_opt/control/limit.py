@@ -444,7 +444,7 @@ class PostureLimits:
 
 
 def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:
-    """(m, 1 + n) distances left after t, over t, and their slopes; they change with u (n,), less a margin."""
+    """(m, 1 + n) distances after t [s], less a margin for changes of u (n,), and their slopes, all divided by t."""
     largest, slopes = ca.mmax(change), changes / t
     begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
     return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)

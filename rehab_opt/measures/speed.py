@@ -75,8 +75,8 @@ def movement_interval(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.
 
     A fraction of the peak, as in Murphy, Willén, Sunnerhagen, "Kinematic variables quantifying upper-extremity
     performance after stroke during reaching and drinking from a glass", Neurorehabil. Neural Repair 25(1), 2011 (they
-    use 2 %; 5 % tolerates more noise). A movement that begins or ends above the threshold starts or ends with the
-    array.
+    use 2 %; 5 % tolerates more noise). If the array begins or ends above the threshold, the
+    movement starts or ends there.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def _velocities(places: Array, dt: float) -> Array:
 Aims = Literal["clock", "path"]
 AIMS: tuple[Aims, ...] = get_args(Aims)
 """With "clock" the person aims at the position for the current time, however far the hand is behind. With "path" the
-person moves along the path at the same pace, but at most a distance ahead of the hand."""
+person moves along the path at the same pace, but stays within a distance ahead of the hand."""
 LONGER = 2
 """Largest duration of a trial whose person waits for the hand, as a multiple of the intention."""
 SIGHT = 0.01

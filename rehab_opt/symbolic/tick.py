@@ -217,8 +217,8 @@ def _function(
 def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
     """Column of the marked symbols in `asked` that are no input; and a function from inputs to its value.
 
-    It alternates one function for all values that need no further branch, which share subexpressions, and the branches
-    that depend on its outputs.
+    It alternates between one function, for all values that need no further branch and share subexpressions, and the
+    branches that depend on its outputs.
     """
     needed, level = _needed(stages, inputs, asked)
     given = [ca.MX.sym("given", each.numel()) for each in inputs]
