@@ -39,6 +39,8 @@ PLACES = (0.0, 1.0)
 """Fractions of the way to rest at which a limit of the posture has its rows."""
 BRAKED = tuple(k / 8 for k in range(8))
 """Fractions of the way to rest at which hand speeds are checked."""
+FURTHEST = 2 / 3**1.5
+"""Largest x sqrt(1 - x)."""
 CLEAR, BEND = 5e-5, 30.0
 """[rad] Least margin of rows before a limit, in joint motion; [1/rad] error of tangents in a tick."""
 CLOSE = 2.0
@@ -140,21 +142,27 @@ class HandSpeed(Bound):
         """Upper bound of `excess`, from J(q) only.
 
         A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|) with r_i
-        the longest column of J_v at any posture, and J_w u by as much with 1 for r_i.
+        the longest column of J_v at any posture, and J_w u by as much with 1 for r_i. On the way to rest this change
+        times the speed that is left is largest at x = 2/3.
         """
         size, over = ca.fabs(way.u), []
         turned = self._manoeuvre.dt * ca.sum1(size)
         for rows, longest, most in ((slice(3), self._longest, self._most[0]), (slice(3, 6), 1.0, self._most[1])):
             now, bend = ca.norm_2((way.state.jacobian @ way.u)[rows]), turned * ca.sum1(longest * size)
-            over += [math.sqrt(1 - x) * (now + bend * (1 + way.ticks * x)) / most - 1 for x in BRAKED]
+            over.append((now + bend * (1 + FURTHEST * way.ticks)) / most - 1)
         return ca.vertcat(*over)
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(9,)"""
+        """(9,); where `at_most` is not positive, its largest value stands for all."""
         place, jacobian = self._manoeuvre.place, self._chain.jacobian_expression
-        later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
-        twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
-        return ca.vertcat(*(self.over(twist) - 1 for twist in twists))
+
+        def exact() -> ca.SX:
+            later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
+            twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
+            return ca.vertcat(*(self.over(twist) - 1 for twist in twists))
+
+        cheap = ca.mmax(self.at_most(tick, way))
+        return tick.when(cheap <= 0, ca.repmat(cheap, 1 + len(BRAKED)), exact)
 
 
 class Rows(NamedTuple):

@@ -9,7 +9,6 @@ import casadi as ca
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.hand_bounds import HandBounds
 from rehab_opt.control.pose_tracker import PoseTracker
-from rehab_opt.kinematics.rigid import rotation_vector
 
 __all__ = ["CALM", "SPARE", "WHOLE", "MirrorStatement"]
 
@@ -31,20 +30,18 @@ class MirrorStatement(PoseTracker):
     max_turn: float
     hand_bounds: HandBounds
 
-    def told(self, q: ca.SX, target: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
+    def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
         """`PoseTracker.told`, plus whether the reference may continue at its own pace, and w / w_max at the end of the
         command.
 
         The scale is that of the clock, except for a robot that is blocked and at rest.
         """
-        pose = self.chain.pose_expression(q)
-        turned = rotation_vector(target[:3, :3] @ pose[:3, :3].T)
         moves = ca.logic_or(report[1] > 0, ca.mmax(ca.fabs(command)) > STANDS)
         usual = [
             moves,
             ca.logic_or(report[0] == int(Relaxed.NOTHING), report[0] == int(Relaxed.TASK)),
-            ca.sumsqr(pose[:3, 3] - target[:3, 3]) <= (CALM * self.max_deviation) ** 2,
-            ca.sumsqr(turned) <= (CALM * self.max_turn) ** 2,
+            ca.sumsqr(error[:3]) <= (CALM * self.max_deviation) ** 2,
+            ca.sumsqr(error[3:]) <= (CALM * self.max_turn) ** 2,
             ca.sumsqr(twist[:3]) <= (SPARE * self.linear_speed) ** 2,
             ca.sumsqr(twist[3:]) <= (SPARE * self.angular_speed) ** 2,
         ]

@@ -200,7 +200,8 @@ class PoseTracker(PoseInputs):
         moving = parameters[-1] if moves else ca.SX(0, 1)
         memory, target = parameter("memory", self._memory_size), ca.reshape(entries, 4, 4).T
         now = self._now(tick, State(q, memory[:n], tick.once(self.chain.jacobian_expression(q)), moving), memory)
-        task = self._task(tick, now, target, twist)
+        error = tick.once(_error(target, self.chain.pose_expression(q)))
+        task = self._task(tick, now, target, error, twist)
 
         velocity = variable("velocity", n, lower=task.lower, upper=task.upper)
         variables, analytic, subject_to, u = [velocity], task.w, [], velocity.symbol
@@ -218,17 +219,17 @@ class PoseTracker(PoseInputs):
             towards = tick.once(tick.when(far, free, lambda: self._within(tick, now, task, rows, free)))
         command = tick.once(self._allowed(tick, now, memory, towards, far))
         told = ca.DM(np.sqrt(self.task_weights))
-        whole = twist + self._settling * tick.once(_error(target, self.chain.pose_expression(q)))
+        whole = twist + self._settling * error
         report = self.report(memory[:n], command, told * (now.state.jacobian @ command), told * whole, outside)
         report = ca.vertcat(report, self._blocking(target, task, rows, outside))
         return Statement(
             name=self.name, parameters=parameters, variables=variables, minimise=cost / 2, subject_to=subject_to,
             active_set=True, requires=[is_rigid(target)], analytic=analytic, tick=tick, memory=memory,
-            report=self.told(q, target, twist, command, report), remember=self.memory_after(q, memory[:n], command),
+            report=self.told(q, error, twist, command, report), remember=self.memory_after(q, memory[:n], command),
         )  # fmt: skip
 
-    def told(self, q: ca.SX, target: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """The report of a tick, from a pose (4, 4), its twist (6,) and the command (n,); a subclass may add more."""
+    def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
+        """Report of a tick with the pose error (6,), the twist (6,) and the command (n,); subclasses add to it."""
         return report
 
     def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
@@ -279,11 +280,11 @@ class PoseTracker(PoseInputs):
             outside = ca.logic_or(outside, self.kept.outside(tick, state.q, state.moving))
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
-    def _task(self, tick: Stages, now: Now, target: ca.SX, twist: ca.SX) -> Task:
-        """The step on the error at the stop posture relative to the target."""
+    def _task(self, tick: Stages, now: Now, target: ca.SX, error: ca.SX, twist: ca.SX) -> Task:
+        """The step on the error at the stop posture relative to the target, from its `error` (6,) now."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
-        movable, error = ca.diag(ca.DM(~chain.locked)), tick.once(_error(target, chain.pose_expression(now.state.q)))
+        movable = ca.diag(ca.DM(~chain.locked))
         # A target that is far away is not followed by its twist.
         damping = DAMPING + CALMING * ca.norm_2(error[:3])
         follow = tick.once(

@@ -24,9 +24,9 @@ def test_hand_speed_is_within_two_percent_on_long_ways_to_rest(chain, linear):
     angular, rng, part = 4 * linear, np.random.default_rng(4711), np.linspace(0, 1, 161)
     manoeuvre = Manoeuvre(chain, DT, recovery_speed=0.1)
     q, u = ca.SX.sym("q", chain.n), ca.SX.sym("u", chain.n)
-    way = Way(State(q, u, chain.jacobian_expression(q), ca.SX(0, 1)), u, further(manoeuvre.ticks(u)))
-    excess = HandSpeed(chain, manoeuvre, linear=linear, angular=angular).excess(Stages(), way)
-    checked, worst = ca.Function("checked", [q, u], [ca.mmax(excess), way.ticks]), 0.0
+    tick, way = Stages(), Way(State(q, u, chain.jacobian_expression(q), ca.SX(0, 1)), u, further(manoeuvre.ticks(u)))
+    excess = HandSpeed(chain, manoeuvre, linear=linear, angular=angular).excess(tick, way)
+    checked, worst = tick.function("checked", [q, u], [ca.mmax(excess), way.ticks]), 0.0
     for _ in range(40):
         here = rng.uniform(-2.8, 2.8, chain.n)
         slowest = np.linalg.svd(jacobians(chain, here[None])[0])[2]  # in its last rows: later the hand is faster
