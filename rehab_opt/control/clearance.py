@@ -11,9 +11,10 @@ import numpy as np
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import Capsule
+from rehab_opt.kinematics.plausible import checked_length
 from rehab_opt.kinematics.room import Box, KeepOut
 
-__all__ = ["Clearance", "checked_clearance"]
+__all__ = ["Clearance", "check_place", "checked_clearance"]
 
 EXACT = 1e-9
 """Largest entry of R R' - I of a rotation."""
@@ -101,11 +102,25 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
             if not isinstance(body, kind) or not _usable(body):
                 sizes = "above zero" if kind is Box else "of zero or more"
                 raise refuse(f"{name}[{i}]", body, f"a {kind.__name__} of finite numbers, sizes {sizes}")
+            check_place(f"{argument}.{name}[{i}]", body, chain)
     names = [each.name for each in chain.capsules]
     for i, pair in enumerate(given.pairs or ()):
         if not (isinstance(pair, tuple) and len(pair) == 2 and set(pair) <= set(names)) or pair[0] == pair[1]:
             raise refuse(f"pairs[{i}]", pair, f"two of the links' capsules, {', '.join(names)}")
     return given
+
+
+def check_place(argument: str, body: KeepOut | Capsule | Box, chain: SerialChain) -> None:
+    """Raise `ConfigurationError` for a body with a length far beyond the robot's size."""
+    base = chain.base[:3, 3]
+    if isinstance(body, KeepOut):
+        lengths = [float(np.dot(body.normal, base)) - body.offset]
+    else:
+        ends = [body.centre] if isinstance(body, Box) else [body.start, body.end]
+        sizes = body.size if isinstance(body, Box) else [body.radius]
+        lengths = [*(float(np.linalg.norm(np.subtract(end, base))) for end in ends), *sizes]
+    for length in lengths:
+        checked_length(argument, length, chain)
 
 
 def _usable(body: KeepOut | Capsule | Box) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import moving_tool_function
-from rehab_opt.control.clearance import Clearance
+from rehab_opt.control.clearance import Clearance, check_place
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
@@ -139,6 +139,8 @@ class MirrorTracker(MirrorPreview):
         limited = chain.with_limits(**{name: options.get(name) for name in ("lower", "upper")})
         if not all(isinstance(plane, KeepOut) for plane in keep_out):
             raise ConfigurationError("keep_out", keep_out, "planes made by KeepOut.through")
+        for i, plane in enumerate(keep_out):
+            check_place(f"keep_out[{i}]", plane, limited)
         self.floor = checked_number("floor", floor, above=0.0, below=1.0)
         deviation = checked_number("max_deviation", max_deviation, above=0.0)
         self.max_deviation = checked_length("max_deviation", deviation, limited)

@@ -28,7 +28,7 @@ FAR, NEAR = 10.0, 1.0
 """A length is a mistake beyond so many times the robot's reach, but at least so many metres."""
 FAST, WHIRL = 10.0, 12.0 * math.pi
 """[m/s, rad/s] Largest accepted hand speeds, unless the robot's joints are faster."""
-BEYOND = 10.0
+BEYOND = 3.0
 """A reference beyond so many times the fastest hand motion is a mistake; a smaller excess is slowed down."""
 
 

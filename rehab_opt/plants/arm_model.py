@@ -89,7 +89,11 @@ def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:
     """
     bodies = [body for body in chain.bodies if body.link]  # what no joint moves weighs on none
     if not bodies:
-        raise ConfigurationError("chain.bodies", chain.bodies, "masses of links, as robot files may have")
+        raise ConfigurationError(
+            "chain.bodies",
+            chain.bodies,
+            "masses of links, by <inertial> of a URDF or MJCF: those of shapes are not read",
+        )
     for name, effort in zip(chain.names, chain.effort, strict=True):
         if not effort < np.inf:
             expected = (

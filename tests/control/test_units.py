@@ -6,7 +6,11 @@ import pytest
 from rehab_opt import (
     ArmIK,
     Assistance,
+    Box,
+    Capsule,
+    Clearance,
     ConfigurationError,
+    KeepOut,
     MirrorTracker,
     PathAssistance,
     PoseTracker,
@@ -63,9 +67,11 @@ def test_a_pose_in_millimetres_is_braked_for_and_one_in_metres_followed(tracker,
     assert METRES in command.reason
     assert command.status in {Status.BRAKING, Status.HOLDING}
     controller.reset()
-    command = controller.step(q, pose, np.r_[250.0 * (1 + chain.reach), np.zeros(5)])
-    assert not command.value.any()
-    assert "too large" in command.reason
+    for speed in (50.0, 250.0 * (1 + chain.reach)):
+        command = controller.step(q, pose, np.r_[speed, np.zeros(5)])
+        if chain is not ROBOTS["gantry"] or speed > 50.0:
+            assert not command.value.any()
+            assert "too large" in command.reason
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -103,6 +109,27 @@ def test_the_mirror_refuses_deviations_in_millimetres():
         ({"max_deviation": 50.0}, "max_deviation", METRES),
         ({"turn_length": 100.0}, "turn_length", METRES),
     )
+
+
+def test_bodies_in_millimetres_are_refused_and_those_of_a_room_are_not():
+    def clear(**bodies):
+        made(PoseTracker, ROBOTS["arm"], limits=[Clearance(0.02, **bodies)])
+
+    refuses(
+        clear,
+        ({"planes": [KeepOut((0.0, 0.0, 1.0), -100.0)]}, "planes[0]", METRES),
+        ({"capsules": [Capsule("bar", (5.0, 0, 0), (5.0, 0, 3.0), 50.0)]}, "capsules[0]", METRES),
+        ({"capsules": [Capsule("bar", (0.5, 0, 0), (0.5, 0, 300.0), 0.05)]}, "capsules[0]", METRES),
+        ({"boxes": [Box.at("table", np.eye(4), (600.0, 1.0, 1.0))]}, "boxes[0]", METRES),
+    )
+    refuses(
+        lambda **more: made(MirrorTracker, ROBOTS["arm"], **more),
+        ({"keep_out": [KeepOut((0.0, 0.0, 1.0), -500.0)]}, "keep_out[0]", METRES),
+    )
+    clear(
+        planes=[KeepOut((0.0, 0.0, 1.0), -2.0)], capsules=[Capsule("bar", (3.0, 0, 0), (3.0, 0, 3.0), 0.05)],
+        boxes=[Box.at("wall", np.eye(4) + np.pad([[4.0]], ((0, 3), (3, 0))), (0.2, 8.0, 3.0))],
+    )  # fmt: skip
 
 
 def test_the_chair_does_not_act_on_a_stick_in_millimetres():

@@ -67,7 +67,7 @@ BESIDE = {
 """Other attributes of these elements, ignored without a note."""
 APART = (
     "geom camera light asset visual statistic size sensor keyframe custom contact extension mesh material pair connect "
-    "weld tendon flex include"
+    "weld flex include"
 )
 """Other elements, ignored without a note or reported in another one."""
 UNIT: Mapping[str, Mapping[str, int]] = {
@@ -174,9 +174,13 @@ def _unread(root: Element) -> Iterator[str]:
                 waiting.append(child)
                 known = {*KINEMATICS[child.tag], *BESIDE.get(child.tag, "").split()}
                 unread = [f"{child.tag}.{key}" for key in child.attributes if not (key in known or child.tag in DRIVES)]
+                inside = {each.tag for each in child.children}
+                if child.tag == "body" and "geom" in inside and "inertial" not in inside:
+                    unread.append("the mass of the shapes of a body without <inertial>")
             elif child.tag == "option":
                 gravity = child.attributes.get("gravity", EARTH).split()
-                unread = ["option.gravity"] if gravity != EARTH.split() else []
+                unread = [f"option.{key}" for key in ("wind", "density", "viscosity") if key in child.attributes]
+                unread += ["option.gravity"] if gravity != EARTH.split() else []
             else:
                 unread = [] if child.tag in APART.split() else [f"<{child.tag}>"]
             for each in unread:

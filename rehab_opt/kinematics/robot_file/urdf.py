@@ -42,8 +42,6 @@ READ = {
     "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort"),
     "mimic": ("joint", "multiplier", "offset"),
-    "dynamics": ("damping", "friction"),
-    "calibration": ("rising", "falling", "reference_position"),
 }
 """Known elements and attributes of a joint; others get a note."""
 OF_ROBOT = {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"}

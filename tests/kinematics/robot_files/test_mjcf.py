@@ -224,6 +224,13 @@ def test_what_drives_may_exert_is_what_mujoco_lets_them_exert(tmp_path: Path, se
         ('<body name="a">', '<body name="a"><Joint name="x"/>', "<Joint>"),
         ('<joint name="two"', '<joint name="two" Range="0 1"', "joint.Range"),
         ("<worldbody>", "<deformable/><worldbody>", "<deformable>"),
+        ("<worldbody>", '<option wind="1 0 0"/><worldbody>', "option.wind"),
+        ("<worldbody>", "<tendon/><worldbody>", "<tendon>"),
+        (
+            '<body name="a">',
+            '<body name="a"><geom size="0.1" mass="2"/>',
+            "the mass of the shapes of a body without <inertial>",
+        ),
         ("<worldbody>", '<option gravity="0 0 -9.81"/><visual/><worldbody>', None),
     ],
 )

@@ -254,6 +254,7 @@ def test_what_is_off_by_rounding_is_corrected_and_noted(arm_file: Path) -> None:
         ("<link name=\"b\"/>", '<link name="b"><visual><geom/></visual></link>', "link b, visual: <geom> is not read"),
         ("<link name=\"b\"/>", '<link name="b"><inertial><mass value="1"/></inertial></link>',
          "link b, inertial: mass and inertia are read together alone; the link has none"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics damping="1"/>', "joint j: <dynamics> is not read"),
         ("</robot>", '<gazebo><plugin/></gazebo><transmission/><ros2_control/><material name="m"/></robot>', None),
     ],
 )  # fmt: skip
