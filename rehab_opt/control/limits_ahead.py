@@ -153,16 +153,11 @@ class HandSpeed(Bound):
         return ca.vertcat(*over)
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(9,); where `at_most` is not positive, its largest value stands for all."""
+        """(9,)"""
         place, jacobian = self._manoeuvre.place, self._chain.jacobian_expression
-
-        def exact() -> ca.SX:
-            later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
-            twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
-            return ca.vertcat(*(self.over(twist) - 1 for twist in twists))
-
-        cheap = ca.mmax(self.at_most(tick, way))
-        return tick.when(cheap <= 0, ca.repmat(cheap, 1 + len(BRAKED)), exact)
+        later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
+        twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
+        return ca.vertcat(*(self.over(twist) - 1 for twist in twists))
 
 
 class Rows(NamedTuple):
