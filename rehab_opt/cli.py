@@ -448,7 +448,7 @@ def score(
     cutoff: Annotated[float, typer.Option(help="Cut-off of the low-pass filter, in Hz.")] = 10.0,
     threshold: Annotated[float, typer.Option(help="Fraction of the peak speed at which a movement begins.")] = 0.05,
     range_of_motion: Annotated[
-        bool, typer.Option("--range-of-motion", help="Joint angles only: print keys of a problem file's arm instead.")
+        bool, typer.Option("--range-of-motion", help="Print joint angles as keys of a problem file's arm instead.")
     ] = False,
     out: Annotated[Path | None, typer.Option(help="A .csv; default: standard output.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing .csv.")] = False,
@@ -499,7 +499,7 @@ def score(
             new = into.add(score_trials(scored, how))
         print(printable(f"rehab-opt: {into.written(new)}"), file=sys.stderr)  # rows alone are on the output
     if range_of_motion:
-        print("\n".join(range_of_motion_keys(scored.rows)))
+        print("\n".join(range_of_motion_keys(scored)))
     elif out is None:
         write_rows(scored.rows, sys.stdout)
     else:

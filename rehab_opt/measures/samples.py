@@ -18,6 +18,7 @@ __all__ = [
     "evenly_sampled",
     "hand_velocity",
     "low_passed",
+    "milliseconds",
     "noise_of_derivative",
     "numbers",
     "passed_by_low_pass",
@@ -40,6 +41,11 @@ def numbers(argument: str, values: object) -> Array:
         value = float(array[tuple(at)])
         raise ConfigurationError(f"{argument}[{place}]", value, "a finite number: leave out or fill what was not seen")
     return array
+
+
+def milliseconds(*seconds: float) -> str:
+    """Times [s] as text in ms, once where they read the same: `20 ms`, `20 to 1510 ms`."""
+    return " to ".join(dict.fromkeys(f"{1e3 * each:{'.3g' if each < 1 else '.0f'}}" for each in seconds)) + " ms"
 
 
 def vectors(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
@@ -109,10 +115,10 @@ def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None 
     jitter = float(np.median(np.abs(steps - usual)))
     gaps = steps[steps > usual + max(0.5 * usual, 4.5 * jitter)]
     if gaps.size:
-        some = "a gap of" if gaps.size == 1 else f"{gaps.size} gaps of {1e3 * gaps.min():.3g} to"
+        some = "a gap" if gaps.size == 1 else f"{gaps.size} gaps"
         notes.append(
-            f"{some} {1e3 * gaps.max():.3g} ms (usual: {1e3 * usual:.3g} ms) bridged by straight lines: speed and "
-            "smoothness there are not the person's"
+            f"{some} of {milliseconds(gaps.min(), gaps.max())} (usual: {milliseconds(usual)}) bridged by straight "
+            "lines: speed and smoothness there are not the person's"
         )
     duration = float(t[-1] - t[0])
     if abs(duration * rate - (len(t) - 1)) < 1e-3 and np.abs(steps - usual).max() <= 1e-3 * usual:
@@ -124,9 +130,7 @@ def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None 
         expected = "a rate at most a hundred times the recording's (are the times in seconds, one gap longer than all?)"
         raise ConfigurationError("rate_hz", rate, expected)
     if not gaps.size and np.abs(steps - usual).max() > 0.05 * usual:
-        notes.append(
-            f"steps of {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms made even by linear interpolation"
-        )
+        notes.append(f"steps of {milliseconds(steps.min(), steps.max())} made even by linear interpolation")
     even = np.arange(count) / rate
     return EvenSamples(
         t[0] + even, np.column_stack([np.interp(even, t - t[0], column) for column in p.T]), rate, tuple(notes)

@@ -19,6 +19,7 @@ from rehab_opt.measures.samples import (
     EvenSamples,
     evenly_sampled,
     low_passed,
+    milliseconds,
     noise_of_derivative,
     numbers,
     passed_by_low_pass,
@@ -133,7 +134,7 @@ def score(
     begin, end = movement_interval(seen, rate, threshold=least)
     count = math.floor((end - begin) * rate) + 1
     if count < FEWEST:
-        value = f"{count} samples, {1e3 * (end - begin):.3g} ms"
+        value = f"{count} samples, {milliseconds(end - begin)}"
         raise ConfigurationError("points", value, f"a movement of at least {FEWEST} samples")
     notes += _cut_notes(seen, least)
     rise = max(RISE, shaken)
@@ -151,7 +152,7 @@ def score(
     gap = float(np.diff(t)[(t[1:] > begin) & (t[:-1] < end)].max())  # between samples of which some are of the movement
     if gap > max(1.5 / rate, 0.5 / cutoff_hz):
         jerks = [math.nan] * len(jerks)
-        notes.append(f"dimensionless_jerk: not over a gap of {1e3 * gap:.3g} ms, which a straight line bridges")
+        notes.append(f"dimensionless_jerk: not over a gap of {milliseconds(gap)}, which a straight line bridges")
     sharp = noise_of_derivative(noise, rate, cutoff_hz=cutoff, order=3)
     of_noise = (end - begin) ** 4 / peak_speed(v) ** 2 * v.shape[1] * sharp**2
     if of_noise > 0.2 * jerks[0]:

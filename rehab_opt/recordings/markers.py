@@ -36,6 +36,9 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
     separator = "\t" if "\t" in lines[3] else ","
     # Some separate facts by two tabs, their names by one: neither is ever empty.
     facts = dict(zip(*([c.strip() for c in line.split(separator) if c.strip()] for line in lines[1:3]), strict=False))
+    if separator not in lines[3]:
+        raise ProblemFileError(name, "line 4", shown(lines[3]), "cells separated by tabs or commas")
+    second = how.factor("time", "s", name=name, where="line 4, Time")
     unit = how.factor("length", facts.get("Units"), name=name, where="line 3, Units")
     header = header_cells(lines[3].split(separator), name=name, line=4)
     if header[:2] != ["Frame#", "Time"]:
@@ -54,7 +57,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
         if len(row) < whole or any(row[whole:]):  # one cell less, and every marker behind it is another's
             expected = f"{whole}: frame, time, and x, y, z of {(whole - 2) // 3} markers"
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
-        time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST)
+        time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST / second)
         cells = [
             math.nan
             if cell.lower() in MISSING
@@ -67,7 +70,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
     notes = (f"its header states {stated:.0f} frames, {len(table)} are there",) if wrong else ()
     samples = np.array(table).reshape(-1, 4)
     known = rate if 0 < rate < math.inf else None
-    return Samples(samples[:, 0], unit * samples[:, 1:], notes=notes, rate=known)
+    return Samples(second * samples[:, 0], unit * samples[:, 1:], notes=notes, rate=known)
 
 
 def _markers(header: Sequence[str], filled: int, name: str) -> list[str]:

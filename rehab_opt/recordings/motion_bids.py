@@ -35,15 +35,7 @@ def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
     if not path.name.endswith(MOTION):
         raise ProblemFileError(name, "file", shown(path.name, 80), f"a recording of Motion-BIDS, ending in {MOTION}")
     channels = _channels(path, name)
-    points = list(dict.fromkeys(each["tracked_point"] for each in channels if each["type"] == "POS"))
-    place = 0 if how.marker is None and len(points) == 1 else place_of(str(how.marker), points)
-    if place is None:
-        raise ProblemFileError(name, "recording.marker", how.marker, f"one of {shown(', '.join(points), 120)}")
-    marker = points[place]
-    axes = [_channel(channels, name, type="POS", tracked_point=marker, component=axis) for axis in "xyz"]
-    places = [place for place in axes if place is not None]
-    if places != [place for place in axes[: len(places)] if place is not None] or len(places) < 2:
-        raise ProblemFileError(name, f"channels of {marker}", len(places), "components x, y and, if there is one, z")
+    places = _places(channels, name, how)
     joints = [i for i, each in enumerate(channels) if each["type"] == "JNTANG"]
     latency = _channel(channels, name, type="LATENCY") if how.rate_hz is None else None
     times = [] if latency is None else [latency]
@@ -63,7 +55,25 @@ def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
     values = {i: scale[i] * column for i, column in zip(wanted, rows.T, strict=True)}
     time = values[times[0]] if times else np.arange(len(rows)) / (how.rate_hz or _rate(path, name))
     angles = {channels[i]["name"]: values[i] for i in joints}
-    return Samples(time, np.column_stack([values[i] for i in places]), angles)
+    return Samples(time, np.column_stack([values[i] for i in places]) if places else np.empty((len(rows), 0)), angles)
+
+
+def _places(channels: list[dict[str, str]], name: str, how: Reading) -> list[int]:
+    """Indices of the channels of the tracked point's x, y and, if present, z; none if there are joint angles alone."""
+    points = list(dict.fromkeys(each["tracked_point"] for each in channels if each["type"] == "POS"))
+    if not points and how.marker is None and any(each["type"] == "JNTANG" for each in channels):
+        return []
+    place = 0 if how.marker is None and len(points) == 1 else place_of(str(how.marker), points)
+    if place is None:
+        expected = f"one of {shown(', '.join(points), 120)}" if points else "no such key: no channel has the type POS"
+        raise ProblemFileError(name, "recording.marker", how.marker, expected)
+    axes = [_channel(channels, name, type="POS", tracked_point=points[place], component=axis) for axis in "xyz"]
+    found = [each for each in axes if each is not None]
+    if found != [each for each in axes[: len(found)] if each is not None] or len(found) < 2:
+        raise ProblemFileError(
+            name, f"channels of {points[place]}", len(found), "components x, y and, if there is one, z"
+        )
+    return found
 
 
 def _sidecars(path: Path, end: str) -> list[Path]:

@@ -21,13 +21,13 @@ RATES = re.compile(r"veloc|speed|accel|kinematics_(u|dudt)", re.IGNORECASE)
 """Words in line 1 for velocities and accelerations."""
 OTHERS = re.compile(
     r"force|moment|torque|dynamics|optimi[sz]ation|activation|excitation|control|reaction|power|length|fiber|tendon|"
-    r"pennation|muscle|error|probe|energy",
+    r"pennation|muscle|error|probe|energy|emg|electromyo",
     re.IGNORECASE,
 )
 """Words in line 1 for quantities other than positions and joint angles."""
 NO_MOTION = re.compile(
     r"activation|excitation|control|fib(er|re)|tendon|pennation|muscle|force|torque|moment|power|speed|veloc|accel|"
-    r"reserve|residual|lambda|energy|pressure|emg|_u$|_udot$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
+    r"reserve|residual|lambda|energy|pressure|emg|_u$|_udot$|_(vel|acc|d{0,2}dot)$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
     re.IGNORECASE,
 )
 """Column names of other quantities: paths other than coordinate values, speeds, forces, muscles."""
@@ -39,7 +39,8 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     Columns that end in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ` (of a .sto in `_X`, `_Y`, `_Z` too) are lengths
     [m]; for a path such as `/jointset/shoulder/elevation/value` the coordinate's name counts. A column is an angle
     unless line 1 or its name shows a speed, a force or a muscle; it is in degrees if the header says `inDegrees=yes`.
-    If neither header nor user state the unit, angles are left out, with a note.
+    If neither header nor user state the unit, angles are left out, with a note. In a .sto without a title only paths
+    that end in `/value` are angles, unless the user states the unit of angles.
 
     Raises
     ------
@@ -63,24 +64,16 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     strange = {cell for cell in header if NO_MOTION.search(cell)}
     named = LENGTHS[".sto" if path.suffix.lower() == ".sto" else ".mot"]
     lengths = {cell for cell in header if cell not in strange and re.search(named, cell.removesuffix("/value"))}
-    columns = []
-    for column in how.columns or ():
-        place = place_of(column, header)
-        if place is None:
-            expected = f"columns of {name}: {shown(', '.join(header), 120)}"
-            raise ProblemFileError(name, "recording.columns", column, expected)
-        if RATES.search(title):
-            raise ProblemFileError(name, "recording.columns", column, f"a place; line 1 says {shown(title)}")
-        if header[place] not in lengths and (header[place] in strange or how.counted("length") is None):
-            expected = "a length: a name ending in tx..tz or transX..Z"
-            raise ProblemFileError(name, "recording.columns", column, expected)
-        columns.append(header[place])
+    columns = [_place(column, header, lengths, strange, title, how, name) for column in how.columns or ()]
     angles = [cell for cell in header if cell != "time" and cell not in {*lengths, *strange, *columns}]
+    if not title and named == LENGTHS[".sto"] and how.stated("angle") is None:
+        angles = [cell for cell in angles if cell.endswith("/value")]
     known, note = _angles(facts.get("indegrees"), title, how, needed=not columns, name=name)
     joints = angles if known else []
     wanted = ["time", *columns, *joints, *(sorted(lengths - {*columns}) if known else ())]
-    metre = how.factor("length", "m", name=name, where="lengths")
-    most = {"time": LATEST, **dict.fromkeys((*columns, *lengths), FARTHEST / metre)}
+    metre = how.factor("length", "m", name=name, where="lengths") if lengths or columns else 1.0
+    second = how.factor("time", "s", name=name, where="column time")
+    most = {"time": LATEST / second, **dict.fromkeys((*columns, *lengths), FARTHEST / metre)}
     missing = dict.fromkeys(wanted[1:], MISSING)
     cells = numbers_below(
         lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=separator, missing=missing
@@ -88,11 +81,31 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     by_name = dict(zip(wanted, cells.T, strict=True))
     stated = number_in(facts.get("nrows", ""))
     notes = [f"its header states {stated:.0f} rows, {len(cells)} are there"] if abs(stated - len(cells)) > 0 else []
-    notes += [note] if note and angles else []
+    notes += [note] if note and (angles or not columns) else []
+    unread = [cell for cell in header if cell not in {"time", *lengths, *angles, *columns}]
+    said = "" if title else " (line 1 has no title that says what they are)"
+    notes += [f"columns not read: {shown(', '.join(unread), 200)}{said}"] if unread else []
     points = metre * np.column_stack([by_name[column] for column in columns]) if columns else np.empty((len(cells), 0))
-    said = {"yes": "deg", "no": "rad"}.get(facts.get("indegrees", ""))
-    unit = how.factor("angle", said, name=name, where="header inDegrees") if joints else 1.0
-    return Samples(by_name["time"].copy(), points, {cell: unit * by_name[cell] for cell in joints}, notes=tuple(notes))
+    turn = {"yes": "deg", "no": "rad"}.get(facts.get("indegrees", ""))
+    unit = how.factor("angle", turn, name=name, where="header inDegrees") if joints else 1.0
+    turned = {cell: unit * by_name[cell] for cell in joints}
+    return Samples(second * by_name["time"], points, turned, notes=tuple(notes))
+
+
+def _place(  # noqa: PLR0917  (a column, and what is known of all of them)
+    column: str | int, header: list[str], lengths: set[str], strange: set[str], title: str, how: Reading, name: str
+) -> str:
+    """The name of a column that holds a position."""
+    place = place_of(column, header)
+    if place is None:
+        expected = f"columns of {name}: {shown(', '.join(header), 120)}"
+        raise ProblemFileError(name, "recording.columns", column, expected)
+    if RATES.search(title):
+        raise ProblemFileError(name, "recording.columns", column, f"a place; line 1 says {shown(title)}")
+    if header[place] not in lengths and (header[place] in strange or how.counted("length") is None):
+        expected = "a length: a name ending in tx..tz or transX..Z"
+        raise ProblemFileError(name, "recording.columns", column, expected)
+    return header[place]
 
 
 def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:

@@ -35,7 +35,10 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
     stated = lines[0].strip()
     if not (stated.isascii() and stated.isdecimal()) or len(stated) > DIGITS:
         raise ProblemFileError(name, "line 1", shown(stated), "the number of samples")
-    length, tick = how.counted("length") or 1e-3, how.counted("time") or 1.0
+    length, tick = (
+        how.factor(kind, "" if how.counted(kind) else unit, name=name, where=column)
+        for kind, unit, column in (("length", "mm", "x_mm"), ("time", "s", "t_s"))
+    )
     units = (length, length, tick, 1.0)
     most = (FARTHEST, FARTHEST, LATEST, math.inf)
     samples = np.empty((len(lines) - 1, len(COLUMNS)))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.measures.samples import milliseconds
 from rehab_opt.recordings.c3d import read_c3d
 from rehab_opt.recordings.markers import read_trc
 from rehab_opt.recordings.motion_bids import read_motion
@@ -79,7 +80,6 @@ def read_recording(
     ProblemFileError : invalid content; it names file, line, column, value and expectation.
     """
     name, how = name or str(path), Reading(**reading)
-    how.check(name)
     if not 0 < speed < math.inf:
         raise ProblemFileError(name, "recording.speed", speed, "a finite number above zero")
     if up is not None and up not in UPWARDS:
@@ -87,8 +87,10 @@ def read_recording(
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise ProblemFileError(name, "file", path.name, f"a recording ending in {', '.join(FORMATS)}")
+    how.check(name, suffix)
     samples = READERS[suffix](path, name=name, how=how)
-    samples = samples._replace(notes=(*samples.notes, *how.told))
+    unused = [f"units that nothing in it has are not used: {', '.join(how.unused())}"] if how.unused() else []
+    samples = samples._replace(notes=(*samples.notes, *how.told, *unused))
     recording = recording_of(name, samples, rate_hz=how.rate_hz)
     if window_s is not None:
         recording = _within(recording, window_s)
@@ -104,9 +106,7 @@ def read_recording(
         seconds = (len(recording.time) - len(kept.time)) * float(np.median(np.diff(recording.time)))
         kept = kept.noting(f"that leaves out {seconds:.3g} s of {recording.duration:.4g} s")
     kept = with_gaps(kept)
-    stated = how.units is not None or how.count_mm is not None
-    kept = kept.noting(*exchanged_times(recording))
-    return kept.noting(*(note.replace("its header says", "stated") if stated else note for note in strange_sizes(kept)))
+    return kept.noting(*exchanged_times(recording), *strange_sizes(kept))
 
 
 def _within(recording: Recording, window_s: Sequence[float]) -> Recording:
@@ -156,7 +156,7 @@ def resampled(recording: Recording, rate: float) -> Recording:
     steps = np.diff(recording.time)
     usual = float(np.median(steps))
     if np.abs(steps - usual).max() > 0.01 * usual:
-        note = f"sampled unevenly, {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart"
+        note = f"sampled unevenly, {milliseconds(steps.min(), steps.max())} apart"
     else:
         note = f"sampled at {1 / usual:.4g} Hz"
     if note != f"sampled at {rate:.4g} Hz":

@@ -120,15 +120,19 @@ SPIKE = 12, 0.1
 """Longest spike, in samples and in [s], whichever is more; a longer one is a motion of the hand."""
 LONG_STEP = 0.1, 5.0
 """Least length of a gap, in [s] and in usual steps."""
-FEWEST_SEEN, ZEROED = 10, 3.0
-"""Least number of steps for the usual step length; least distance of a lost marker's zeros, as a multiple of it."""
+FEWEST_SEEN, ZEROED, NEAR = 10, 1.5, 10
+"""Least number of other samples by which zeros are judged; least distance of a lost marker's zeros from the samples
+beside them, as a multiple of the longest of the next 10 steps there."""
+LEVER = 0.3
+"""[m] Radius, about a forearm's length, at which the turn of a joint is measured by the rules for the hand."""
 
 
 def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:
     """Convert samples of any format to a recording with increasing times and no missing positions.
 
-    Samples without the hand are left out with a note (a coordinate is missing, or all are zero far from the
-    neighbouring samples), as are all but the first sample at one time. Rounded even times become even.
+    Samples without the hand, or without an angle of joints alone, are left out with a note (a value is missing, or all
+    are zero far from the neighbouring samples), as are all but the first sample at one time. Rounded even times become
+    even; times that start again in each trial are moved behind the trial before.
 
     Parameters
     ----------
@@ -143,16 +147,21 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
         row, axis = (int(i) for i in far[0])
         value, expected = float(samples.points[row, axis]), f"at most {FARTHEST:g} m (another unit?)"
         raise ProblemFileError(file, f"sample {row + 1}, {'xyz'[axis]}", value, expected)
-    (time, rounded), notes = even_times(samples.time, samples.rate), list(samples.notes)
+    time, notes = _in_a_row(samples)
+    time, rounded = even_times(time, samples.rate)
     if rate_hz is not None:
         time, rounded = np.arange(len(time)) / rate_hz, (f"ASSUMED: {rate_hz:g} samples a second, as stated",)
-    angles = np.column_stack([time, *samples.joints.values()])
-    lost = unseen(samples.points if samples.points.shape[1] else angles)
+    hand, lost = samples.points.shape[1] > 0, unseen(samples.points)
     lost |= ~np.isfinite(samples.forces).all(axis=1) if samples.forces.size else False
+    there = {name: np.isfinite(angles) for name, angles in samples.joints.items()}
+    blind = [name for name, finite in there.items() if not (finite[~lost].all() if hand else finite.any())]
+    joints = {name: angles for name, angles in samples.joints.items() if name not in blind}
+    still = unseen(LEVER * np.column_stack([*joints.values()])) & ~lost if joints else np.zeros(len(time), dtype=bool)
     twice = np.zeros(len(time), dtype=bool)
-    twice[np.flatnonzero(~lost)[1:]] = np.diff(time[~lost]) == 0
+    twice[np.flatnonzero(~(lost | still))[1:]] = np.diff(time[~(lost | still)]) == 0
     said = {
         "without the hand" + " or a force on it" * bool(samples.forces.size): lost,
+        "without joint angles": still,
         "at the time of the one before": twice,
     }
     begun = np.append(time, math.nan)[0]
@@ -160,21 +169,31 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
         if out.any():
             usual = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
             notes.append(f"left out: {_many(int(out.sum()), usual)} {what}, the first after {_after(time, out, begun)}")
-    kept = ~(lost | twice)
-    joints = {name: angles[kept] for name, angles in samples.joints.items()}
-    blind = [name for name, angles in joints.items() if not np.isfinite(angles).all()]
     if blind:
-        notes.append(f"angles not read, some of which are missing: {shown(', '.join(blind), 120)}")
+        missing = f"{'some' if hand else 'all'} of which are missing"
+        notes.append(f"angles not read, {missing}: {shown(', '.join(blind), 120)}")
+    kept = ~(lost | still | twice)
     forces = samples.forces[kept] if samples.forces.size else samples.forces
     return Recording(
         file=file,
         time=time[kept],
         points=samples.points[kept],
-        joints={name: angles for name, angles in joints.items() if name not in blind},
+        joints={name: angles[kept] for name, angles in joints.items()},
         forces=forces,
         notes=(*notes, *rounded),
         trials=tuple((name, float(time[first]), float(time[last])) for name, first, last in samples.trials),
     )
+
+
+def _in_a_row(samples: Samples) -> tuple[Array, list[str]]:
+    """Times of samples whose clock starts again in some trials, one trial after the other; and all notes."""
+    time, again = samples.time.copy(), 0
+    for row in sorted({row for _, first, last in samples.trials for row in (first, last + 1)} - {0, len(time)}):
+        if time[row] < time[row - 1]:
+            time[row:] += math.floor(time[row - 1] - time[row]) + 2.0
+            again += 1
+    said = f"times that start again: {again}, each moved to 1 to 2 s after the trial before"
+    return time, [*samples.notes, *([said] if again else [])]
 
 
 def _many(count: int, step: float) -> str:
@@ -188,19 +207,24 @@ def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
 def unseen(points: Array) -> NDArray[np.bool_]:
     """(N,) flags of samples of points (N, d) without the hand.
 
-    A coordinate is missing, or all are exactly zero (some systems write this for a lost marker) far from the hand.
+    A coordinate is missing, or all are exactly zero (some systems write this for a lost marker) and further from the
+    samples before and after than `ASIDE` and than `ZEROED` of their longest steps.
     """
     lost: NDArray[np.bool_] = np.asarray(~np.isfinite(points).all(axis=1))
     seen = np.flatnonzero(~lost)
     zero = (points[seen] == 0).all(axis=1)
-    hops, edge = np.linalg.norm(np.diff(points[seen], axis=0), axis=1), np.diff(zero.astype(np.int8)) != 0
-    moving = np.linalg.norm(np.diff(points[seen[~zero]], axis=0), axis=1)
-    if not edge.any() or len(moving) < FEWEST_SEEN:
+    rows = seen[~zero]
+    if not zero.any() or len(rows) <= FEWEST_SEEN:
         return lost
-    far = hops > max(ASIDE, ZEROED * float(np.percentile(moving, 99)))
-    for part in np.split(np.arange(len(seen)), np.flatnonzero(edge) + 1):
-        ends = [step for step in (part[0] - 1, part[-1]) if 0 <= step < len(hops)]
-        lost[seen[part]] = zero[part[0]] and far[ends].all()
+    pace = np.linalg.norm(np.diff(points[rows], axis=0), axis=1) / np.diff(rows)
+    for part in np.split(seen, np.flatnonzero(np.diff(zero.astype(np.int8))) + 1):
+        k = int(np.searchsorted(rows, part[0]))
+        beside = [(k - 1, part[0], pace[: max(k - 1, 0)][-NEAR:]), (k, part[-1], pace[k:][:NEAR])]
+        lost[part] = (points[part[0]] == 0).all() and all(
+            np.linalg.norm(points[rows[i]]) > max(ASIDE, ZEROED * near.max(initial=0.0) * abs(rows[i] - at))
+            for i, at, near in beside
+            if 0 <= i < len(rows)
+        )
     return lost
 
 
@@ -208,10 +232,8 @@ def without_spikes(recording: Recording) -> Recording:
     """The recording without bunched samples and sensor spikes; notes count them.
 
     Either would make a follower jump, and a spike would dominate the extent when a recording is scaled. A spike has few
-    samples; a jump that stays gives a note.
+    samples; a jump that stays gives a note. Joint angles count as arcs of radius `LEVER`.
     """
-    if not recording.points.shape[1]:
-        return recording
     steps = np.diff(recording.time)
     bunched = np.append(steps < BUNCHED * np.median(steps), False)  # the first of two came late, not the second early
     if bunched.mean() > FEW:
@@ -219,37 +241,49 @@ def without_spikes(recording: Recording) -> Recording:
     kept, notes, begun = recording.part(~bunched), [], recording.time[0]
     if bunched.any():
         notes.append(f"samples left out whose stamps bunch with the next: {int(bunched.sum())}")
-    spikes = _spikes(kept, _jumps(kept.time, kept.points))
-    if spikes.mean() > FEW:
-        spikes[:] = False
+    spikes = np.zeros(len(kept.time), dtype=bool)
+    for _, path in _paths(kept):
+        some = _spikes(kept.time, path, _jumps(kept.time, path))
+        spikes |= some & (some.mean() <= FEW)
     if spikes.any():
         first = f"the first after {_after(kept.time, spikes, begun)}"
         notes.append(f"samples left out as spikes: {int(spikes.sum())}, {first}")
         kept = kept.part(~spikes)
-    hops = np.linalg.norm(np.diff(kept.points, axis=0), axis=1)
-    jumps = _jumps(kept.time, kept.points)
-    if jumps.any() and hops[jumps].max() > ASIDE:
-        at = int((np.where(jumps, hops, 0) > hops[jumps].max() / 2).argmax())
-        size = f"{1e3 * hops[at]:.3g} mm from one sample to the next, after {kept.time[at + 1] - begun:.3g} s"
-        notes.append(f"a jump that is no spike: {size}; speed and smoothness there are not the hand's")
+    for joint, path in _paths(kept):
+        hops = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        jumps = _jumps(kept.time, path)
+        if jumps.any() and hops[jumps].max() > ASIDE:
+            at = int((np.where(jumps, hops, 0) > hops[jumps].max() / 2).argmax())
+            size = f"{1e3 * hops[at]:.3g} mm" if joint is None else f"{math.degrees(hops[at] / LEVER):.3g} deg"
+            size = f"{size} from one sample to the next, after {kept.time[at + 1] - begun:.3g} s"
+            whose = "speed and smoothness there are not the hand's" if joint is None else f"of {shown(joint)}"
+            notes.append(f"a jump that is no spike: {size}; {whose}")
     return kept.noting(*notes)
 
 
-def _spikes(recording: Recording, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _paths(recording: Recording) -> Iterator[tuple[str | None, Array]]:
+    """The hand's path, and the arc (N, 1) [m] of each joint with its name."""
+    if recording.points.shape[1]:
+        yield None, recording.points
+    for joint, angles in recording.joints.items():
+        yield joint, np.asarray(LEVER * np.unwrap(angles)[:, None], dtype=np.float64)
+
+
+def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) flags of spikes; the hand is where most samples between jumps are.
 
     It continues with the next stretch that has no jump from it and more samples than those left out before, or that is
     too long for a spike.
     """
-    parts = np.split(np.arange(len(recording.time)), np.flatnonzero(jumps) + 1)
+    parts = np.split(np.arange(len(time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))
-    spikes = np.zeros(len(recording.time), dtype=bool)
-    few = max(SPIKE[0], round(SPIKE[1] / float(np.median(np.diff(recording.time)))))
+    spikes = np.zeros(len(time), dtype=bool)
+    few = max(SPIKE[0], round(SPIKE[1] / float(np.median(np.diff(time)))))
     for way in (parts[longest:], [part[::-1] for part in parts[longest::-1]]):
         last, away = way[0], way[0][:0]
         for part in way[1:]:
             four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
-            if len(part) > len(away) > 0 and not _jumps(recording.time[four], recording.points[four])[1]:
+            if len(part) > len(away) > 0 and not _jumps(time[four], points[four])[1]:
                 last, away = part, part[:0]
             else:
                 spikes[part], away = True, np.concatenate((away, part))
@@ -318,7 +352,7 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
         yield "the hand does not move at all: is it another column or marker?"
     elif extent < SMALLEST or extent > LARGEST:
         other = "larger" if extent < SMALLEST else "smaller"
-        yield f"the whole movement is {1e3 * extent:.4g} mm large: is it in a {other} unit than its header says?"
+        yield f"the whole movement is {1e3 * extent:.4g} mm large: is its unit {other}?"
     elif usual > FASTEST:
         yield f"a tenth of its samples is faster than {usual:.3g} m/s: are the times, or lengths, in another unit?"
     elif 0 < usual < SLOWEST:

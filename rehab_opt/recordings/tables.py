@@ -121,7 +121,9 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
     unread = [cell for cell, known in zip(written, header, strict=True) if known not in wanted and cell != ROWS]
     return Samples(
         values[kinds["time"][0]] if kinds["time"] else np.zeros(len(cells)),
-        np.column_stack([values[column] for column in kinds["length"]]),
+        np.column_stack([values[column] for column in kinds["length"]])
+        if kinds["length"]
+        else np.empty((len(cells), 0)),
         {column.rpartition("_")[0]: values[column] for column in kinds["angle"]},
         np.column_stack([values[column] for column in forces]) if forces else np.empty((len(cells), 0)),
         (f"columns not read: {shown(', '.join(unread), 200)}",) if unread else (),
@@ -163,9 +165,13 @@ def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: st
 
 
 def _hand(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
-    """The columns of x, y and, if present, z."""
+    """The columns of x, y and, if present, z; none if all that the table has are joint angles."""
     if how.columns is not None:
         return [_asked(column, header, written, "recording.columns", name) for column in how.columns]
+    if any(unit_of(cell) in ANGLE for cell in header) and not {*"xyz"} & {
+        name for cell in header for name in (cell, cell.rpartition("_")[0])
+    }:
+        return []
     bare = how.counted("length") is not None
     columns = [_column(header, (axis,), LENGTH, name, bare=bare) for axis in ("x", "y")]
     heights = [f"z_{unit}" for unit in LENGTH] + (["z"] if bare else [])

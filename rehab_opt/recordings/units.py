@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
+from typing import Any
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.text_file import brief, shown
 
-__all__ = ["ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "TIME", "UNITS", "Reading", "known_unit", "place_of"]
+__all__ = [
+    "ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "TIME", "UNITS", "Reading", "known_unit", "place_of",
+    "unused_keys",
+]  # fmt: skip
 
 TIME = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
 LENGTH = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3})
@@ -30,6 +34,33 @@ SPELLINGS = {
 }  # fmt: skip
 
 
+USED_BY: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType({
+    "marker": ((".trc", ".c3d", ".tsv"), "markers"),
+    "columns": ((".csv", ".mot", ".sto", ".xdf"), "named columns"),
+    "separator": ((".csv",), "a separator of one's choice"),
+    "decimal": ((".csv",), "decimals of one's choice"),
+    "count_mm": ((".svc", ".csv", ".c3d"), "raw counts of length"),
+    "tick_ms": ((".svc", ".csv"), "raw counts"),
+    "time_column": ((".csv",), "a column of times of one's choice"),
+    "trials": ((".csv", ".c3d"), "trials"),
+})  # fmt: skip
+"""Formats that use a key, by suffix, and what they have; every format uses the other keys."""
+
+
+def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
+    """Key, value and expectation of each given key that a file of this format cannot use; a repeated column, too."""
+    for key, (suffixes, what) in USED_BY.items():
+        if given.get(key) is not None and suffix not in suffixes:
+            some = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}" if len(suffixes) > 1 else suffixes[0]
+            yield key, given[key], f"no such key: only a {some} has {what}"
+    columns = [str(column) for column in given.get("columns") or ()]
+    if len(set(columns)) < len(columns):
+        yield "columns", given["columns"], "each column once"
+    for key in ("time_column", "tick_ms"):
+        if given.get("rate_hz") is not None and given.get(key) is not None:
+            yield key, given[key], "no such key: rate_hz replaces the file's times"
+
+
 def known_unit(text: str) -> str:
     """The symbol of a unit in any spelling; the text itself if it is unknown."""
     return SPELLINGS.get(text.lower(), text)
@@ -45,7 +76,7 @@ def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -
 
 @dataclass(frozen=True)
 class Reading:
-    """A user's settings for a file, see `read_recording`; `told` collects notes."""
+    """A user's settings for a file, see `read_recording`; `told` collects notes, `used` kinds of units in the file."""
 
     columns: Sequence[str | int] | None = None
     marker: str | int | None = None
@@ -58,6 +89,7 @@ class Reading:
     rate_hz: float | None = None
     trials: str | int | None = None
     told: list[str] = field(default_factory=list)
+    used: set[str] = field(default_factory=set)
 
     def stated(self, kind: str) -> str | None:
         """The unit that the user states for a kind: "length", "angle" or "time"."""
@@ -75,6 +107,7 @@ class Reading:
         ------
         ProblemFileError : no known unit in either; `where` is its place in the file.
         """
+        self.used.add(kind)
         known, stated = known_unit((said or "").strip()), self.stated(kind)
         known = known if known in KINDS[kind] else known.lower()
         if stated is not None:
@@ -82,9 +115,12 @@ class Reading:
             if known not in ("", stated) and note not in self.told:
                 self.told.append(note)
             return KINDS[kind][stated]
-        if known in KINDS[kind]:
-            return KINDS[kind][known]
         one, key = self.counted(kind), {"length": "count_mm", "time": "tick_ms"}.get(kind)
+        if known in KINDS[kind]:
+            note = f"recording.{key} is not used, since the file has a unit of {kind}"
+            if one is not None and note not in self.told:
+                self.told.append(note)
+            return KINDS[kind][known]
         if not known and one is not None:
             return one
         expected = f"one of {', '.join(KINDS[kind])}, or recording.units"
@@ -92,13 +128,21 @@ class Reading:
             expected += f" (or recording.{key}, its unit in {key[-2:]})"
         raise ProblemFileError(name, where, brief(said), expected)
 
-    def check(self, name: str) -> None:
-        """Raise an error for invalid numbers and units.
+    def unused(self) -> list[str]:
+        """Stated units of quantities that the file does not have."""
+        return [unit for kind in KINDS if kind not in self.used and (unit := self.stated(kind)) is not None]
+
+    def check(self, name: str, suffix: str) -> None:
+        """Raise an error for invalid numbers and units, and for keys that a file with this suffix cannot use.
 
         Raises
         ------
         ProblemFileError : an invalid setting; it names the key.
         """
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        given = {each.name: given[each.name] for each in fields(self) if given[each.name] != each.default}
+        for key, value, expected in unused_keys(suffix, given):
+            raise ProblemFileError(name, f"recording.{key}", value, expected)
         for key in ("count_mm", "tick_ms", "rate_hz"):
             value = getattr(self, key)
             if value is not None and not 0 < value < math.inf:
@@ -107,3 +151,6 @@ class Reading:
         if "" in kinds or len({*kinds}) < len(kinds):
             expected = f"one of each of {'; '.join(', '.join(units) for units in KINDS.values())}"
             raise ProblemFileError(name, "recording.units", list(self.units or ()), expected)
+        for kind, key in (("length", "count_mm"), ("time", "tick_ms")):
+            if self.stated(kind) and getattr(self, key) is not None:
+                raise ProblemFileError(name, f"recording.{key}", getattr(self, key), f"either it or a unit of {kind}")

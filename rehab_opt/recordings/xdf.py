@@ -71,7 +71,8 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
         for place in places
     ]
     points = np.column_stack([series[:, place] * unit for place, unit in zip(places, units, strict=True)])
-    return Samples(time - time[0] if len(time) else time, points)
+    second = how.factor("time", "s", name=name, where="time stamps")
+    return Samples(second * (time - time[0]) if len(time) else time, points)
 
 
 def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:

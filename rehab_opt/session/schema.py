@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from rehab_opt.recordings.units import unused_keys
 from rehab_opt.text_file import brief
 
 __all__ = [
@@ -176,23 +177,9 @@ class RecordedSection(Section):
     @model_validator(mode="after")
     def hand_is_named_as_its_file_allows(self) -> Self:
         """Refuse a marker or columns that the file's format does not have, and a column that is used twice."""
-        suffix = PurePath(self.file).suffix.lower()
-        allowed = {
-            "marker": ((".trc", ".c3d", ".tsv"), "markers"),
-            "columns": ((".csv", ".mot", ".sto", ".xdf"), "named columns"),
-            "separator": ((".csv",), "a separator of one's choice"),
-            "decimal": ((".csv",), "decimals of one's choice"),
-            "count_mm": ((".svc", ".csv", ".c3d"), "raw counts of length"),
-            "tick_ms": ((".svc", ".csv"), "raw counts"),
-            "time_column": ((".csv",), "a column of times of one's choice"),
-            "trials": ((".csv", ".c3d"), "trials"),
-        }
-        for key, (suffixes, what) in allowed.items():
-            if key in self.model_fields_set and getattr(self, key) is not None and suffix not in suffixes:
-                some = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}" if len(suffixes) > 1 else suffixes[0]
-                raise refusal(key, getattr(self, key), f"no such key: only a {some} has {what}")
-        if self.columns is not None and len(set(self.columns)) < len(self.columns):
-            raise refusal("columns", self.columns, "each column once")
+        given = {key: getattr(self, key) for key in self.model_fields_set}
+        for unused in unused_keys(PurePath(self.file).suffix.lower(), given):
+            raise refusal(*unused)
         return self
 
     def reading(self) -> dict[str, Any]:

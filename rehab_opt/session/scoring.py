@@ -26,10 +26,11 @@ from rehab_opt.measures.score import Measure, Score, hand_motion, score
 from rehab_opt.recordings.data_folder import PREFIX, data_file
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.recordings.recording import Recording, strange_sizes
+from rehab_opt.session.arm_keys import GoniometerRange, TableOneRange
 from rehab_opt.session.files import recording_description, schema_error
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.schema import RecordingSection
-from rehab_opt.text_file import FARTHEST, write_whole
+from rehab_opt.text_file import FARTHEST, shown, write_whole
 
 __all__ = [
     "HEADER",
@@ -123,7 +124,7 @@ def score_recordings(
         file = source.file
         try:
             recording = _read(source, undescribed=given == file)
-            trials = _trials(recording, pause, how)
+            trials = [*_trials(recording, pause, how)]
         except ProblemFileError as problem:
             refused.append(problem)
             continue
@@ -133,6 +134,8 @@ def score_recordings(
         notes += (f"{file}: {note}" for note in recording.notes)
         for number, (name, trial) in enumerate(trials, start=1):
             try:
+                if isinstance(trial, ProblemFileError):
+                    raise trial
                 with _refused(trial, f"trial {name}, "):
                     scored = _scored(trial, target, how)
             except ProblemFileError as problem:
@@ -157,11 +160,13 @@ def _read(source: Described, *, undescribed: bool) -> Recording:
     file = source.file
     with _options_named(undescribed):
         recording = read_recording(source.path, name=file, **source.reading)
+        if recording.points.shape[1] < 2 and not recording.joints:
+            expected = "; ".join(("the columns that hold the hand's x and y", *recording.notes))
+            raise ProblemFileError(file, "recording.columns", source.reading.get("columns"), expected)
+    if undescribed:
+        recording = replace(recording, joints=dict(recording.joints), notes=tuple(map(_options_in, recording.notes)))
     if recording.points.shape[1] >= 2:
         return recording
-    if not recording.joints:
-        named = source.reading.get("columns")
-        raise ProblemFileError(file, "columns", named, "the columns that hold the hand's x and y (--columns)")
     return recording.noting("no columns of the hand's x and y are named: its joints' angles alone are measured")
 
 
@@ -169,41 +174,56 @@ def _scored(trial: Recording, target: Sequence[float] | None, how: Mapping[str, 
     """Every measure of a trial; for joint angles only the range of each."""
     if trial.points.shape[1]:
         return score(trial.time, trial.points, target=target, joints=trial.joints, **how)
-    ends = {name: np.degrees(np.unwrap(angles)) for name, angles in trial.joints.items()}
     measures = [Measure("duration", trial.duration, "s")]
-    for name, angles in ends.items():
-        low, high = float(angles.min()), float(angles.max())
+    for name, (low, high) in _ends(trial).items():
         measures += (Measure(f"{what}_{name}", value, "deg") for what, value in (("lower", low), ("upper", high)))
         measures.append(Measure(f"range_{name}", high - low, "deg"))
     return Score(tuple(measures), np.zeros((1, 2)), ())
 
 
-def range_of_motion_keys(rows: Sequence[ScoreRow]) -> list[str]:
+def _ends(trial: Recording) -> dict[str, tuple[float, float]]:
+    """[deg] Lowest and highest angle of each joint."""
+    turned = {name: np.degrees(np.unwrap(angles)) for name, angles in trial.joints.items()}
+    return {name: (float(angles.min()), float(angles.max())) for name, angles in turned.items()}
+
+
+def range_of_motion_keys(scored: Scored) -> list[str]:
     """Lines for a problem file's arm: the lowest and highest angle [deg] of each joint over all trials."""
     ends: dict[str, list[float]] = {}
-    for row in rows:
-        what, _, joint = row.measure.partition("_")
-        if what in ("lower", "upper"):
-            ends.setdefault(joint.removesuffix("/value").rpartition("/")[2], []).append(row.value)
+    for _, _, trial, _ in scored.trials:
+        for joint, both in _ends(trial).items():
+            ends.setdefault(joint.removesuffix("/value").rpartition("/")[2], []).extend(both)
     if not ends:
-        raise ConfigurationError("--range-of-motion", "no joint angles", "recordings of joints' angles alone")
-    lines = (f"{json.dumps(f'{joint}_deg')} = [{min(of):.1f}, {max(of):.1f}]" for joint, of in ends.items())
-    return ["# range used in these recordings, not the range possible", "[arm.range_of_motion]", *lines]
+        raise ConfigurationError("--range-of-motion", "no joint angles", "recordings with joints' angles")
+    known = {*TableOneRange.model_fields, *GoniometerRange.model_fields}
+    own = [joint for joint in ends if f"{joint}_deg" not in known]
+    lines = ["# range used in these recordings, not the range possible"]
+    if own:
+        lines.append(f"# the recording's names, which no arm has; write the arm's: {shown(', '.join(own), 120)}")
+    lines.append("[arm.range_of_motion]")
+    lines += (f"{json.dumps(f'{joint}_deg')} = [{min(of):.1f}, {max(of):.1f}]" for joint, of in ends.items())
+    return lines
 
 
-def _trials(recording: Recording, pause: float | None, how: Mapping[str, float]) -> list[tuple[str, Recording]]:
-    """The trials that the file separates, or the whole recording, cut where the hand rests; each with its name."""
-    time, pieces = recording.time, [("", recording)]
-    if recording.trials:
-        parts = [(name, recording.part((time >= first) & (time <= last))) for name, first, last in recording.trials]
-        pieces = [(name, replace(part, joints=dict(part.joints), trials=())) for name, part in parts]
-    if pause is None:
-        return [(name or "1", piece) for name, piece in pieces]
-    return [
-        (f"{name}.{number}" if name else str(number), part)
-        for name, piece in pieces
-        for number, part in enumerate(trials_between_pauses(piece, pause=pause, **how), start=1)
-    ]
+def _trials(
+    recording: Recording, pause: float | None, how: Mapping[str, float]
+) -> Iterator[tuple[str, Recording | ProblemFileError]]:
+    """Name and samples of each trial that the file separates, or of the whole, cut where the hand rests.
+
+    A trial that is too short or cannot be cut is an error, which names it.
+    """
+    for name, first, last in recording.trials or (("", -math.inf, math.inf),):
+        kept = (recording.time >= first) & (recording.time <= last)
+        try:
+            piece = replace(recording, trials=(), joints=dict(recording.joints)).part(kept)
+            parts = [piece] if pause is None else trials_between_pauses(piece, pause=pause, **how)
+        except ProblemFileError as refused:
+            if not name:
+                raise
+            yield name, ProblemFileError(refused.file, f"trial {name}, {refused.key}", refused.value, refused.expected)
+            continue
+        for number, part in enumerate(parts, start=1):
+            yield (f"{name}.{number}" if name and pause is not None else name or str(number)), part
 
 
 def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> Described:
@@ -283,11 +303,13 @@ def _options_named(undescribed: bool) -> Iterator[None]:
     except ProblemFileError as refused:
         if not undescribed:
             raise
-        key, expected = (
-            KEY.sub(lambda found: " ".join(("--" + found[1].replace("_", "-"), found[2] or "")).strip(), text)
-            for text in (refused.key, refused.expected)
-        )
+        key, expected = map(_options_in, (refused.key, refused.expected))
         raise ProblemFileError(refused.file, key, refused.value, expected) from refused
+
+
+def _options_in(text: str) -> str:
+    """A text with options of the command instead of keys."""
+    return KEY.sub(lambda found: " ".join(("--" + found[1].replace("_", "-"), found[2] or "")).strip(), text)
 
 
 @contextmanager

@@ -106,10 +106,10 @@ def test_raw_counts_are_scaled(written: Write) -> None:
 
 def test_other_units_are_noticed_by_size(written: Write) -> None:
     for table, says in (
-        ("t_s,x_mm,y_mm\n0,0,0\n1,0.3,0.2\n", "0.3 mm large: is it in a larger unit than its header says?"),
+        ("t_s,x_mm,y_mm\n0,0,0\n1,0.3,0.2\n", "0.3 mm large: is its unit larger?"),
         ("t_s,x_m,y_m\n0,0,0\n0.01,0.5,0\n0.02,1,0\n", "faster than 50 m/s"),
         ("t_s,x_m,y_m\n0,0,0\n0.2,1,0\n0.4,2,0\n", "faster than 5 m/s"),  # 2 mm, at 5 mm/s
-        ("t_s,x_mm,y_mm\n0,0,0\n2,3e3,0\n4,6e3,0\n", "6000 mm large: is it in a smaller unit than its header says?"),
+        ("t_s,x_mm,y_mm\n0,0,0\n2,3e3,0\n4,6e3,0\n", "6000 mm large: is its unit smaller?"),
         ("t_s,x_mm,y_mm\n0,3,4\n1,3,4\n", "does not move at all: is it another column or marker?"),
         ("t_s,x_m,y_m\n0,0,0\n1000,0.1,0\n2000,0.2,0\n", "milliseconds taken for seconds"),
         ("t_s,x_m,y_m,elbow_rad\n0,0,0,20\n1,0.3,0,90\n", "elbow reads up to 90 rad, 5157 deg: degrees taken for rad"),
@@ -137,7 +137,7 @@ def test_refusal_names_the_cause(written: Write) -> None:
         (("a.csv", "t_s,x_m,y_m\n0,1,2\n".encode("utf-16"), {}), "file", "CSV UTF-8"),
         (("a.svc", "2\n20000 0 0 1\n20001 0 1 1\n", {}), "line 2, column x_mm", "count_mm"),
         (
-            ("a.sto", "x\nendheader\ntime hand_X\n0 1\n1 20\n", {"columns": ["hand_X"] * 2}),
+            ("a.sto", "x\nendheader\ntime hand_X hand_Y\n0 1 1\n1 20 1\n", {"columns": ["hand_X", "hand_Y"]}),
             "column hand_X",
             "-10 to 10",
         ),

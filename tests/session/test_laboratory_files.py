@@ -160,7 +160,7 @@ def test_a_missing_row_is_no_rounding(written: Write) -> None:
     time, points = moved()
     kept = np.arange(len(time)) != 70
     for name, text in (("a.trc", trc(time[kept], points[kept], digits=2)), ("a.csv", table(time[kept], points[kept]))):
-        read = read_recording(written(name, text), marker="HAND")
+        read = read_recording(written(name, text), marker="HAND" if name == "a.trc" else None)
         np.testing.assert_allclose(read.time, time[kept], atol=1e-9)
 
 

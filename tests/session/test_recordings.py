@@ -54,7 +54,9 @@ def test_a_marker_may_be_named_without_its_subject_who_is_told_to_nobody(written
 def test_unusable_recording_is_refused_by_its_place(written: Write) -> None:
     """Cells gone or twice, rows out of order, bytes that are no text: `malformed.py`."""
     refuses(
-        lambda name, content: read_recording(written(name, content), name="the recording", marker="HAND"),
+        lambda name, content: read_recording(
+            written(name, content), name="the recording", marker="HAND" if name.endswith((".trc", ".c3d")) else None
+        ),
         (("a.csv", "\n\n  \n"), "file", "not empty"),
         (("a.csv", "0,1,2\n1,2,3\n"), "line 1", "header"),
         (("a.csv", "t_s,x_m,y_m\n"), "line 2", "rows of numbers"),

@@ -1,0 +1,202 @@
+"""Rules that hold for every format: joints and hands alike, units that are used, trials that fail alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rehab_opt.cli import main
+from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.reading import read_recording
+from rehab_opt.session.scoring import score_recordings
+from tests.measures.yardstick import reach
+from tests.refusals import refuses
+from tests.session.test_laboratory_files import moved, same, table, trc
+
+Write = Callable[[str, str | bytes], Path]
+Array = np.ndarray
+
+
+def turned(rate: float = 80) -> tuple[Array, Array]:
+    """(N,) [s], and (N, 2) [deg] of an elbow from 20 to 75 and a shoulder from -10 to 12."""
+    time, plane = reach(rate, rest=0.4)
+    return time, np.column_stack((20 + 275 * plane[:, 0], -10 + 110 * plane[:, 0]))
+
+
+def motion(time: Array, angles: Array, *, title: str = "Coordinates\n", columns: str = "elbow shoulder") -> str:
+    return table(time, angles, f"{title}inDegrees=yes\nendheader\ntime {columns}")
+
+
+def ends(path: Path, **reading: Any) -> dict[str, float]:
+    rows = score_recordings([str(path)], reading=reading).rows
+    return {row.measure: round(row.value, 3) for row in rows if row.measure[:6] in {"lower_", "upper_"}}
+
+
+WHOLE = {"lower_elbow": 20.0, "upper_elbow": 75.0, "lower_shoulder": -10.0, "upper_shoulder": 12.0}
+
+
+# -------------------- joints
+@pytest.mark.parametrize("kind", ["mot", "csv"])
+def test_joints_lose_spikes_and_zeros_as_a_hand_does(written: Write, kind: str) -> None:
+    time, angles = turned()
+    for name, rows, wrong, note in (
+        ("spike", slice(61, 62), (angles[61, 0] - 70, angles[61, 1]), "samples left out as spikes: 1"),
+        ("zeros", slice(9, 13), (0.0, 0.0), "left out: 4 samples (0.05 s) without joint angles"),
+        ("first", slice(0, 3), (0.0, 0.0), "left out: 3 samples (0.0375 s) without joint angles"),
+    ):
+        spoilt = angles.copy()
+        spoilt[rows] = wrong
+        text = motion(time, spoilt) if kind == "mot" else table(time, spoilt, "t_s,elbow_deg,shoulder_deg")
+        path = written(f"{name}.{kind}", text)
+        assert ends(path) == WHOLE
+        assert any(each.startswith(note) for each in read_recording(path).notes)
+
+
+def test_a_joint_that_rests_at_zero_or_turns_past_half_a_turn_loses_no_sample(written: Write) -> None:
+    time, angles = turned()
+    for shift in ((-20.0, 10.0), (140.0, 185.0)):
+        wrapped = (angles + shift + 180) % 360 - 180
+        read = read_recording(written("a.mot", motion(time, wrapped)))
+        assert (len(read.time), read.notes) == (len(time), ())
+
+
+def test_a_spike_of_a_joint_beside_a_hand_is_one(written: Write) -> None:
+    time, angles = turned()
+    points = np.column_stack((angles / 1e3, angles[:, 0]))
+    points[50, 2] += 40
+    read = read_recording(written("a.csv", table(time, points, "t_s,x_m,y_m,elbow_deg")))
+    assert "samples left out as spikes: 1, the first after 0.625 s" in read.notes
+
+
+def test_a_joint_that_is_never_there_leaves_the_others(written: Write) -> None:
+    time, angles = turned()
+    angles[:, 1] = np.nan
+    path = written("a.mot", motion(time, angles))
+    assert [*read_recording(path).joints] == ["elbow"]
+    assert read_recording(path).notes == ("angles not read, all of which are missing: shoulder",)
+
+
+def test_what_is_no_angle_is_read_as_none(written: Write) -> None:
+    time, angles = turned()
+    rates = motion(time, np.hstack((angles, angles)), columns="elbow shoulder elbow_vel elbow_ddot")
+    read = read_recording(written("a.sto", rates))
+    assert [*read.joints] == ["elbow", "shoulder"]
+    assert read.notes == ("columns not read: elbow_vel, elbow_ddot",)
+    refuses(
+        lambda name, text: score_recordings([str(written(name, text))]),
+        (("b.sto", motion(time, angles, title="EMG envelopes\n")), "--columns", "line 1 says EMG envelopes"),
+        (("c.sto", motion(time, angles, title="")), "elbow, shoulder (line 1 has no title"),
+        (("d.sto", motion(time, angles, title="Velocities\n", columns="a_X a_Y")), "line 1 says Velocities"),
+        error=ProblemFileError,
+    )
+    assert ends(written("c.sto", motion(time, angles, title="")), units=["deg"]) == WHOLE
+
+
+def test_a_range_is_printed_from_a_file_with_a_hand_and_names_no_arm_has_are_said(
+    written: Write, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time, angles = turned()
+    text = table(time, np.hstack((angles / 1e3, angles)), "t_s,x_m,y_m,elbow_flexion_deg,swing_deg")
+    with pytest.raises(SystemExit):
+        main(["score", str(written("a.csv", text)), "--range-of-motion"])
+    said = capsys.readouterr().out
+    assert said.endswith(
+        'arm\'s: swing\n[arm.range_of_motion]\n"elbow_flexion_deg" = [20.0, 75.0]\n"swing_deg" = [-10.0, 12.0]\n'
+    )
+
+
+# -------------------- lost markers written as zeros
+@pytest.mark.parametrize(("rate", "near"), [(25, 0.15), (60, 0.06), (100, 0.03)])
+def test_zeros_of_a_fast_hand_near_the_origin_are_a_lost_marker(written: Write, rate: int, near: float) -> None:
+    time = np.arange(6 * rate) / rate
+    points = np.column_stack((0.2 * np.sin(5 * time), near + 0.1 * np.cos(2.5 * time) ** 2, 0.02 + 0 * time))
+    points[2 * rate : 2 * rate + 7] = 0
+    read = read_recording(written("a.csv", table(time, points)))
+    assert len(read.time) == len(time) - 7
+    assert read.notes[0].startswith("left out: 7 samples")
+
+
+@pytest.mark.parametrize("rate", [8, 15, 100])
+def test_a_reach_from_the_origin_and_back_keeps_its_rests(written: Write, rate: int) -> None:
+    _, there = reach(rate, rest=0.5)
+    points = 2 * np.vstack((there - there[0], there[::-1] - there[0], there - there[0]))
+    points = np.column_stack((points, points[:, 0] / 3))
+    read = read_recording(written("a.csv", table(np.arange(len(points)) / rate, points)))
+    assert len(read.time) == len(points)
+
+
+# -------------------- units and keys
+def test_stated_units_of_time_are_used_in_every_format(written: Write) -> None:
+    time, points = moved()
+    late = trc(time, points).splitlines()
+    late[6:] = ["\t".join([n, f"{1e3 * float(t):.3f}", *rest]) for n, t, *rest in (row.split("\t") for row in late[6:])]
+    assert "times are read in ms, as stated, not in s" in same(
+        written("a.trc", "\n".join(late)), marker="HAND", units=["ms"]
+    )
+    text = table(1e3 * time, points, "Coordinates\ninDegrees=yes\nendheader\ntime h_tx h_ty h_tz")
+    assert same(written("a.mot", text), columns=["h_tx", "h_ty", "h_tz"], units=["ms", "deg"]) == (
+        "times are read in ms, as stated, not in s",
+        "units that nothing in it has are not used: deg",
+    )
+    assert same(written("a.csv", table(time, points)), count_mm=5.0) == (
+        "recording.count_mm is not used, since the file has a unit of length",
+    )
+
+
+def test_a_key_that_a_format_does_not_have_is_refused(written: Write) -> None:
+    time, points = moved()
+    files = {"a.csv": table(time, points), "a.trc": trc(time, points), "a.mot": motion(*turned())}
+    refuses(
+        lambda name, **given: read_recording(written(name, files[name]), **given),
+        ({"name": "a.trc", "trials": "x"}, "recording.trials = 'x'", "only a .csv or .c3d"),
+        ({"name": "a.trc", "time_column": "q"}, "recording.time_column"),
+        ({"name": "a.trc", "columns": [1, 2]}, "recording.columns"),
+        ({"name": "a.trc", "tick_ms": 2.0}, "recording.tick_ms"),
+        ({"name": "a.mot", "separator": "tab"}, "recording.separator"),
+        ({"name": "a.csv", "marker": 1}, "recording.marker"),
+        ({"name": "a.csv", "columns": ["x_m", "x_m"]}, "each column once"),
+        ({"name": "a.csv", "rate_hz": 50.0, "time_column": "t_s"}, "rate_hz replaces"),
+        ({"name": "a.csv", "units": ["mm"], "count_mm": 2.0}, "either it or a unit"),
+        error=ProblemFileError,
+    )
+
+
+# -------------------- trials
+def in_trials(*names: str, again: bool, spoil: Callable[[int, Array], Array] = lambda _, points: points) -> str:
+    time, points = moved()
+    rows = ["trial,t_s,x_m,y_m,z_m"]
+    for number, name in enumerate(names):
+        begun = 0.0 if again else number * (time[-1] + 0.01)
+        for t, p in zip(time, spoil(number, points.copy()), strict=False):
+            rows.append(",".join([name, f"{begun + t:.6f}", *(f"{x:.7f}" for x in p)]))
+    return "\n".join(rows).replace("nan", "")
+
+
+def test_a_trial_that_cannot_be_measured_is_named_and_the_others_are_written(written: Write) -> None:
+    gone, short = (lambda n, points: points * np.nan if n == 1 else points), lambda n, p: p[:1] if n == 1 else p
+    for again in (False, True):
+        for spoil in (gone, short):
+            path = str(written("a.csv", in_trials("go", "bad", "end", again=again, spoil=spoil)))
+            for pause in (None, 0.5):
+                scored = score_recordings([path], reading={"trials": "trial"}, pause=pause)
+                assert {row.trial.partition(".")[0] for row in scored.rows} == {"go", "end"}
+                (refused,) = scored.refused
+                assert refused.key == "trial bad, samples"
+    cut = score_recordings([path], reading={"trials": "trial", "window_s": [4.0, 9.0]})
+    assert {row.trial for row in cut.rows} == {"end"}
+    assert [each.key for each in cut.refused] == ["trial go, samples", "trial bad, samples"]
+
+
+def test_times_that_start_again_in_each_trial_are_those_of_trials(written: Write) -> None:
+    reading = {"trials": "trial"}
+    on, again = (
+        score_recordings([str(written("a.csv", in_trials("p", "q", "r", again=each)))], reading=reading)
+        for each in (False, True)
+    )
+    assert [row.trial for row in on.rows] == [row.trial for row in again.rows]
+    np.testing.assert_allclose([row.value for row in again.rows], [row.value for row in on.rows], rtol=1e-6, atol=1e-9)
+    assert any("times that start again: 2" in note for note in again.notes)
