@@ -9,16 +9,16 @@ __all__ = ["even_times"]
 
 Array = NDArray[np.float64]
 
-FINEST, COARSEST, EVENLY = -6, -1, 1e-3
+FINEST, COARSEST, EVENLY, BEATS = -6, -1, 1e-3, 10
 """Finest and coarsest power of ten [s] to which times may be rounded; smallest rounding that matters, as a fraction of
-a step."""
+a step; number of longer steps from which they are a beat of the clock rather than missing rows."""
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
     """Times (N,) [s], or the even times from which they were rounded; and a note.
 
     A recording at 240 Hz with times of three decimals has steps of 4 and 5 ms, which cause false accelerations. Even
-    times are used if all written times agree with them to their decimals.
+    times are used if all written times agree with them to their decimals, or to a coarser clock.
 
     Parameters
     ----------
@@ -31,6 +31,13 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
     units = 10.0 ** np.arange(COARSEST, FINEST - 1, -1)
     unit = next((each for each in units if np.abs(t - each * np.rint(t / each)).max() < 1e-3 * each + 1e-6), 0.0)
     steps, rows = np.diff(t), np.arange(len(t), dtype=np.float64)
+    ahead, mean = np.sort(steps[steps > 0]), t[-1] / rows[-1]
+    apart = np.diff(ahead)[np.diff(ahead) > max(0.5 * unit, EVENLY * ahead[0])]
+    unit = max(unit, _clock(t, float(apart.min()), unit) if apart.size else 0.0)
+    clock = max(unit, _clock(t, float(ahead[0]), unit))
+    held = (steps == 0).sum() > max(2, 0.1 * len(steps))
+    beats = steps.min() > 0 and 1.05 * clock < mean < 1.9 * clock and (steps > 1.5 * clock).sum() >= BEATS
+    unit = clock if held or beats else unit
     if rate is not None:
         for count in (np.rint(t * rate), *([rows] if unit * rate > 1.01 else [])):
             if np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate) and (np.diff(count) > 0).all():
@@ -38,10 +45,10 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
     usual = float(np.median(steps))
     near = steps[np.abs(steps - usual) <= 0.5 * usual]
     usual = float(near.mean()) if usual > 0 and near.size else t[-1] / rows[-1]
-    counts = [np.append(0.0, np.cumsum(np.rint(steps / usual)))] if usual > unit else []
+    counts = [np.append(0.0, np.cumsum(np.rint(steps / usual)))] if usual > 1.01 * unit else []
     few = 1.05 * unit < usual < 1.9 * unit and steps.min() > 0
-    if few or (steps == 0).sum() > max(2, 0.1 * len(steps)):
-        counts.append(rows)  # too few decimals for the rate: no row is missing then, if all fit
+    if few or held or beats:
+        counts.append(rows)  # too coarse for the rate: no row is missing then, if all fit
     for count in counts if unit else ():
         step = float(np.polyfit(count, t, 1)[0]) if (np.diff(count) > 0).all() else 0.0
         if step > 0 and np.ptp(t - count * step) <= 1.1 * unit:
@@ -50,6 +57,17 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
     if rate is not None and abs(rate * usual - 1) > 0.02:
         said = (*said, f"its header states {rate:g} Hz, its times have {1 / usual:.4g} Hz")
     return time, said
+
+
+def _clock(t: Array, about: float, unit: float) -> float:
+    """[s] Step of a clock of which these times, written to `unit`, are whole numbers of steps; 0 if they are not."""
+    steps = np.diff(t)
+    ends, near = np.cumsum(steps), steps[(steps > 0.5 * about) & (steps < 1.5 * about)]
+    counts = np.cumsum(np.rint(steps / (near.mean() if near.size else about)))
+    if not counts[-1] > counts[0]:
+        return 0.0
+    step = float(np.polyfit(counts, ends, 1)[0])
+    return step if np.ptp(ends - step * counts) <= max(1.1 * unit, EVENLY * step) else 0.0
 
 
 def _even(time: Array, count: Array, step: float, unit: float) -> tuple[Array, tuple[str, ...]]:

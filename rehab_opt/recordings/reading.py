@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
-from rehab_opt.measures.samples import milliseconds
 from rehab_opt.recordings.c3d import read_c3d
 from rehab_opt.recordings.markers import read_trc
 from rehab_opt.recordings.motion_bids import read_motion
@@ -156,7 +155,8 @@ def resampled(recording: Recording, rate: float) -> Recording:
     steps = np.diff(recording.time)
     usual = float(np.median(steps))
     if np.abs(steps - usual).max() > 0.01 * usual:
-        note = f"sampled unevenly, {milliseconds(steps.min(), steps.max())} apart"
+        longest = f"{1e3 * steps.max():{'.3g' if steps.max() < 1 else '.0f'}}"
+        note = f"sampled unevenly, {1e3 * steps.min():.3g} to {longest} ms apart"
     else:
         note = f"sampled at {1 / usual:.4g} Hz"
     if note != f"sampled at {rate:.4g} Hz":

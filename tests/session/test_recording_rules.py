@@ -11,6 +11,7 @@ import pytest
 
 from rehab_opt.cli import main
 from rehab_opt.errors import ProblemFileError
+from rehab_opt.recordings.even_times import even_times
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.scoring import score_recordings
 from tests.measures.yardstick import reach
@@ -200,3 +201,25 @@ def test_times_that_start_again_in_each_trial_are_those_of_trials(written: Write
     assert [row.trial for row in on.rows] == [row.trial for row in again.rows]
     np.testing.assert_allclose([row.value for row in again.rows], [row.value for row in on.rows], rtol=1e-6, atol=1e-9)
     assert any("times that start again: 2" in note for note in again.notes)
+
+
+# -------------------- clocks
+@pytest.mark.parametrize(("rate", "tick"), [(110, 0.0125), (70, 0.003), (45, 0.0156), (160, 0.007), (700, 0.001)])
+def test_times_of_a_coarse_clock_change_no_smoothness(written: Write, rate: int, tick: float) -> None:
+    """Of 16 ms and 100 Hz: samples with the time of the one before were dropped, a jerk of 203 became 5254."""
+    time, points = moved(rate)
+    exact = written("a.csv", table(time, points))
+    read = written("b.csv", table(np.floor(time / tick + 1e-9) * tick, points, clock="{:.4f}".format))
+    clocked, plain = ({row.measure: row.value for row in score_recordings([str(each)]).rows} for each in (read, exact))
+    for name in ("movement_time", "speed_peak", "dimensionless_jerk"):
+        assert clocked[name] == pytest.approx(plain[name], rel=2e-2)
+    assert any(note.startswith("times written to ") for note in read_recording(read).notes)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_missing_rows_are_no_beat_of_a_clock(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rate, count = float(rng.choice([40, 64, 110])), int(rng.integers(40, 300))
+    rows = np.sort(rng.choice(count, size=int(count * rng.uniform(0.7, 0.95)), replace=False))
+    even, _ = even_times(np.round(rows / rate, int(rng.integers(3, 7))), None)
+    np.testing.assert_allclose(np.diff(even), np.diff(rows) / rate, atol=1.1e-3)
