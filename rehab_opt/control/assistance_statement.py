@@ -21,8 +21,8 @@ TINY = 1e-12
 def assistance_statement() -> Statement:
     """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step.
 
-    Parameters are the desired force (2,), already within the ceiling, then ceiling, step and force limit; the memory is
-    the last force. Force limit, growth limit and energy tank determine the ceiling.
+    The parameters are the desired force (2,), which is within the ceiling, the ceiling, the step and the force limit.
+    The memory is the last force. Force limit, growth limit and energy tank determine the ceiling.
 
     The answer has a closed form: the desired force, or the point towards it on the circle of the slew bound, or, if the
     ceiling fell below the last force, the intersection of both circles on the desired force's side. The rows are the

@@ -75,7 +75,7 @@ class BoundedForce(OneThread):
     The force bound always holds exactly. The slew bound holds except in a flagged release (`Relaxed.SLEW`): the force
     is zero at once if the hand is faster than `speed_cap`, or if the remaining energy does not allow a release within
     the slew bound. The delivered energy stays within the budget if the hand stays below the speed cap and ticks come
-    within `max_age`; a faster hand can draw at most the force limit times its jump more, once, before the release.
+    within `max_age`; a faster hand can draw more once, before the release: at most the force limit times its jump.
     After a missing answer, an invalid sensor value, a stale stamp or a released dead man's switch, the force falls to
     zero within the slew bound; an unknown state gets no force. If the remaining energy limits the force, the reason
     says so.

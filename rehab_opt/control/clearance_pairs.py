@@ -42,7 +42,7 @@ SAME = 1e-9
 ALIKE = 1e-7
 """[1, m] Largest difference of normal and moment of equal contacts."""
 BEHIND = 4.0
-"""Factor on a static contact's excess over its pair's nearest distance, added to its rank."""
+"""Factor on the distance of a contact beyond its pair's least distance; the product raises the contact's rank."""
 TIE = 1e-12
 """[m] Rank difference between equal contacts."""
 APPROACH = 11

@@ -47,8 +47,8 @@ class Approach(NamedTuple):
     """
 
     twist: ca.SX
-    """(6,) [rad/s, m/s] angular velocity, and linear velocity at the origin, of the first body relative to the other,
-    without that one's `speeds`."""
+    """(6,) [rad/s, m/s] angular velocity, and linear velocity at the origin, of the first body relative to the other
+    body at rest."""
     lead: ca.SX
     """[s]"""
     told: ca.SX

@@ -15,7 +15,7 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
 TAIL = 5.0
-"""Number of time constants after which the remainder of a first-order lag is counted separately, see `EnergyTank`."""
+"""Number of time constants of a lag within the window; the rest of its response is the tail, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)
 """1.5 exp(-TAIL); the factor covers the fading of older forces, see `FADES`."""
 SLOTS = 10

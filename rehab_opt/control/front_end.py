@@ -48,8 +48,8 @@ whether the measured positions are impossible."""
 def led_memory(n: int) -> Record:
     """Memory of a `FrontEnd` with n joints.
 
-    It has commanded positions; the ends of their recent range, in this span of `LATE` and in the one before; last
-    measured positions; commanded and measured travel since the last check; duration of blocking [s]; age of the span
+    It has commanded positions; their range in the current period of `LATE` and in the period before; last measured
+    positions; commanded and measured travel since the last check; duration of blocking [s]; age of the current period
     [s]; number of valid samples, at most 2; whether the base has moved.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}

@@ -78,8 +78,8 @@ class Limit:
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Distances at q (n,), their slopes (k, n), and the curvature loss of each along `way` (n,).
 
-        Up to three, with the smallest values after so many `ways`. The loss is the difference between a distance and
-        its tangent after one `way`.
+        They are the three distances, at most, that are smallest after this number of `ways`. The loss is the difference
+        between a distance and its tangent after one `way`.
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
@@ -184,7 +184,7 @@ class PostureLimits:
         fractions = {rate: (1 - np.exp(-(1 / together if rate is None else rate) * dt)) / dt for rate in rates}
         self._fractions = ca.DM([fractions[rate] for rate in rates])
         self._ways = [1 / (fractions[each.rate] * dt) for each in self.limits]
-        """Number of ticks in which a distance that falls at its rate reaches zero; a faster one has its row earlier."""
+        """Number of ticks until a distance that decreases at its rate would reach zero."""
         self._begun = float(np.sum(np.minimum(chain.acceleration * dt, START * chain.velocity)))
 
     def __len__(self) -> int:
@@ -254,7 +254,7 @@ class PostureLimits:
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r for the limits on the way of u, to first order about `last` (n,).
 
-        If u is steady, none of them forbids rest where rest satisfies the limits.
+        If u is constant and rest satisfies the limits, every row allows rest.
 
         Parameters
         ----------

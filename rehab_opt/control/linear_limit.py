@@ -51,7 +51,7 @@ class LinearLimit(NamedTuple):
         return self.matrix @ u - self.upper
 
     def beyond(self, u: ca.SX) -> LinearLimit:
-        """The limit with the upper end that this one leaves beyond velocities u (n,)."""
+        """The limit on velocities that are added to u (n,)."""
         return self._replace(upper=self.upper + self.matrix @ u)
 
     def relaxed(self, u: ca.SX) -> LinearLimit:

@@ -63,11 +63,11 @@ class MirrorTracker(MirrorPreview):
     The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. It
     waits at the largest deviation and catches up afterwards: slowed motion is late, not cut. Samples that arrive during
     a fallback command (a fault, a push at the limit) are skipped; they count in `lag` until the clock has passed their
-    time. If the arm cannot do a stretch, the hand follows it at the nearest pose that it reaches from its posture. Once
-    the hand stands short of the reference, or the clock has waited for a second longer than it has run, deviations are
-    counted from there (`short`), and the clock runs on. Jumps of the reference are bridged at half the hand speeds; the
-    first bridge starts at the hand. Samples of a live tracker must first pass a `Conditioner`; without it a single
-    outlier counts as a jump there and back.
+    time. If a stretch is out of reach, the hand moves along it at the nearest poses that the arm reaches. Once the hand
+    stands short of the reference, or the clock has waited for a second longer than it has run, deviations are counted
+    from there (`short`), and the clock runs on. Jumps of the reference are bridged at half the hand speeds; the first
+    bridge starts at the hand. Samples of a live tracker must first pass a `Conditioner`; without it a single outlier
+    counts as a jump there and back.
 
     Parameters
     ----------

@@ -38,13 +38,13 @@ SHORT = 0.001, 0.01
 STUCK = 0.1
 """[s] Time at rest, with a slowed clock, after which a hand counts as at its nearest pose."""
 PATIENCE = 1.0
-"""[s] Largest excess of the clock's waiting over its running time, for a hand that does not come to rest either."""
+"""[s] The same for a hand that does not come to rest: waiting time of the clock minus its running time."""
 WAITED = 0.02
 """Pace below which the clock counts as waiting."""
 
 PACE = Record(rate=1, waited=1, stood=1, apart=1, aside=1)
-"""Seconds of the reference per second; [s] time that the clock waited and that the hand stood; [m, rad] distance of the
-hand from the reference at that time, the least that it reaches from its posture. Deviations are counted from there, so
+"""Seconds of the reference per second; [s] time that the clock waited and that the hand stood; [m, rad] the distance
+from the reference at which the hand stopped, the least that its posture allows. Deviations are counted from there, so
 that a stretch out of reach is followed along its edge and no part of it is skipped. They shrink as the hand comes
 nearer."""
 TRIED = Record(pose=16, twist=6, seconds=1, goal=12, target=16, motion=6)
@@ -184,7 +184,7 @@ class MirrorPace:
     def _waited(  # noqa: PLR0917
         self, pace: Values, current: ca.SX, yielding: ca.SX, hand: ca.SX, here: ca.SX, goal: ca.SX
     ) -> tuple[Values, ca.SX, ca.SX]:
-        """Detects a hand at its nearest pose (it stands, the clock is slowed or late); whether it waits, and cuts."""
+        """`PACE` after a tick; whether the clock waits; whether the hand counts as at its nearest pose from now on."""
         usual = ca.logic_or(ca.logic_and(pace.rate >= WHOLE, current), yielding < 1)
         waits = ca.logic_and(ca.logic_not(usual), pace.rate <= WAITED)
         # What was waited for before it went on is no reason to cut the hand short now.

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SPAN = 64, 128
 """First and largest number of ticks in a layout; it doubles each time that all of them were used."""
 REST = 32
-"""Largest number of ticks after an unusual one until a new layout; it starts at one and doubles."""
+"""Largest number of ticks between an unusual tick and the next layout; the number starts at one and doubles."""
 
 _OK, _NAN, _new, _read_only = Status.OK, math.nan, tuple.__new__, np.frombuffer
 _BOUNDS, _TASK = tuple(Relaxed(i) for i in range(8)), int(Relaxed.TASK)
@@ -35,7 +35,7 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
 class MirrorPreview(MirrorFollowing):
-    """The tick of a plan, along the preview of its recording.
+    """The tick of a plan, which takes its reference from the preview of the recording.
 
     While nothing is unusual the clock follows the preview, and a tick is the fused function alone, with the same check
     of residual and true bounds as in `MirrorTracker.step`. All other ticks are those of `MirrorFollowing`.

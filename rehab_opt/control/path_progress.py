@@ -49,7 +49,7 @@ TIE = 1e-12
 """[m^2] Squared distances that differ by less are equal."""
 NEAR, BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
 BESIDE = 2 * BEFORE + 2
-"""Samples in the window; samples before s in a tick; all samples in a tick."""
+"""Numbers of samples: in the window; before s in a tick; in a tick altogether."""
 
 
 @cache
@@ -122,7 +122,7 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
 
 
 def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Number of the sample within a width of the hand, nearest along the path but a width or more away; else -1."""
+    """Number of the sample within a width of the hand that is nearest along the path, beyond a width; -1 for none."""
     found = ca.SX(-1)
     for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
         for i in (BEFORE - apart, BEFORE + apart):

@@ -417,7 +417,7 @@ class PoseTracker(PoseInputs):
         )
 
     def _within(self, tick: Stages, now: Now, task: Task, rows: Rows, u: ca.SX) -> ca.SX:
-        """(n,) u, which the accelerations shortened, moved into the rows again, now with their curvature."""
+        """(n,) u moved into the rows again after the accelerations shortened it; the rows now include curvature."""
         assert self.kept is not None
         upper = tick.once(self.kept.bent(tick, rows, now.state, now.braked, u))
         H = task.J.T @ task.J + task.damping * ca.SX.eye(self.chain.n)
@@ -441,7 +441,7 @@ class PoseTracker(PoseInputs):
             return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
 
         def aside(u: ca.SX, rounds: int) -> ca.SX:
-            """Move u aside from limits in its way by Newton steps; the last counts if no worse than rest."""
+            """Correct u by Newton steps until it passes no limit; the last step counts if no worse than rest."""
             contacts = tick.call(pairs.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
             led = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
             if rounds > 1:

@@ -303,8 +303,8 @@ class RedundancyResolver(OneThread):
     ) -> Instance:
         """The QP that `step` would solve now, as numbers, for inspection by any thread; it changes nothing.
 
-        The owner's thread also gets functions for new rows. The variables are velocities with the chair's in its own
-        frame, the hand's speed along the command, and its speed off the command.
+        The owner's thread also gets functions for new rows. The variables are the joint velocities (the chair's in its
+        own frame), and the hand's speeds along and off the command.
         """
         names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))

@@ -255,8 +255,8 @@ class ReferenceClock:
         bridge: bool = False,
         thinning: bool = True,
     ) -> None:
-        """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, as a calm motion
-        takes.
+        """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, after the time of a
+        calm motion.
 
         Skipped samples between them are left out: their time counts in `behind` until the clock has passed it.
         `thinning` limits the number of waiting samples.
@@ -328,7 +328,7 @@ class ReferenceClock:
         return self._paces[self._at] if self._paces else math.inf
 
     def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
-        """Compute the pace for all samples at which none is faster than these speeds [m/s, rad/s], slowed down in time.
+        """Compute the largest pace at each sample that keeps these speeds [m/s, rad/s], also at all later samples.
 
         The pace falls by at most 1 in `quickening` seconds.
         """

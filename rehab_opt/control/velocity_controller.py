@@ -235,7 +235,7 @@ class VelocityController(OneThread, ABC):
         """q, memory -> memory after the fallback command, and its report."""
 
     def fallback_law(self) -> ca.Function | None:
-        """Parameters, memory -> report, memory, violation of a command for when every solver failed, or None."""
+        """Function for when every solver failed: parameters, memory -> report, memory, violation; or None."""
         return None
 
     def beginning(self) -> ca.Function:
@@ -255,8 +255,8 @@ class VelocityController(OneThread, ABC):
     def stopping(self) -> ca.Function:
         """Parameters, state -> state after a tick of the fallback command; relaxed bounds and whether it moves; q (n,).
 
-        The last valid position replaces an invalid one. Of the last parameters, which `braking` also needs, one with an
-        invalid number is left out. The warm start is discarded.
+        The last valid position replaces an invalid one. `braking` also needs the last parameters; those with an invalid
+        number are left out. The warm start is discarded.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)

@@ -22,7 +22,7 @@ DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()"
 """Start of a function of CasADi's runtime, which is visible to the linker by default."""
 
 COPY, FROM_WORK = "void casadi_copy(", re.compile(r"\bcasadi_copy\((?=w\d|\(&w\d)")
-"""CasADi's copy of an optional vector; and a call of it for a part of the work space, which always exists."""
+"""CasADi's function that copies a vector, if there is one; and a call of it for a part of the work space."""
 COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int n, casadi_real* y) {
   casadi_int i;
   if (y) for (i=0; i<n; ++i) y[i] = x[i];

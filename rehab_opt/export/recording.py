@@ -117,7 +117,7 @@ class Joints:
         self._noise, self._q, self._seen = encoder_noise(ticks, start.size), start.copy(), start.copy()
 
     def seen(self, told: Array) -> Array:
-        """(n,) encoder values of this tick if `told` is `start`, else `told`."""
+        """(n,) `told`, with the encoder values of this tick where `told` equals `start`."""
         if self._tick < len(self._noise):
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)

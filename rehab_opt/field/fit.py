@@ -19,7 +19,7 @@ WEAK = 1e-3
 PARTS = 8
 """Parts of a demonstration, a few tenths of a second each; errors in different parts count as independent."""
 TAKES_PART = 0.3
-"""Smallest component of an undetermined direction for which its parameter is named."""
+"""A parameter is named as undetermined if its component of an undetermined direction exceeds this."""
 
 
 class Fit(NamedTuple):

@@ -31,8 +31,8 @@ def connect_franka(
 
     franky runs in its own process. Its C++ loop at 1 kHz moves the joints to each velocity within the robot's
     acceleration and jerk limits, so a step becomes a ramp with a few milliseconds of lag. Each velocity is valid for
-    half of `watchdog`; without commands the robot then brakes, or within 20 ms if that process is killed. A reflex of
-    the robot ends the connection, with the robot's message as the reason.
+    half of `watchdog`; then the robot brakes. If that process is killed, the robot brakes within 20 ms. A reflex of the
+    robot ends the connection, with the robot's message as the reason.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """A hand along a path: distance and progress, and an ordered assignment for coverage and deviation.
 
-On a path that crosses itself, the nearest point does not reveal a loop that was left out. The ordered assignment never
-goes backwards along the path, and so it does.
+On a path that crosses itself, the nearest point does not reveal a loop that was left out. The ordered assignment
+reveals it, because it never goes backwards along the path.
 """
 
 from __future__ import annotations

@@ -240,8 +240,8 @@ class DaqpBackend:
     """daqp, called without a warm start.
 
     A call takes a few tens of us, and a failed solve does not affect the next one. Badly scaled variables are scaled to
-    curvature 1: unscaled it solves 12 % of the badly scaled QPs of `bench/solvers/qp`, scaled all. daqp regularises a
-    cost that is not strictly convex, or fails.
+    curvature 1: of the badly scaled QPs of `bench/solvers/qp` it then solves all, and without scaling 12 %. daqp
+    regularises a cost that is not strictly convex, or fails.
     """
 
     name = "daqp"

@@ -272,8 +272,8 @@ def _paths(recording: Recording) -> Iterator[tuple[str | None, Array]]:
 def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) flags of spikes; the hand is where most samples between jumps are.
 
-    It continues with the next stretch that has no jump from it and more samples than those left out before, or that is
-    too long for a spike.
+    From there the hand continues, in both directions, with the next stretch that begins without a jump and is longer
+    than the samples left out before it. If more samples are left out than a spike can have, they count as the hand.
     """
     parts = np.split(np.arange(len(time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))

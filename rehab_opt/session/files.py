@@ -211,7 +211,7 @@ def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "
 
 
 def recording_state(file: str) -> tuple[str, str]:
-    """Title of a problem file, and whether the recordings that it does not come with are there.
+    """Title of a problem file, and whether the recordings that are not shipped with it are present.
 
     Raises
     ------

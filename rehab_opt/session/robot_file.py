@@ -40,7 +40,7 @@ JOINT_KEYS = {
 }
 """Keys of a robot file for the arguments of `SerialChain.from_urdf` that have a value for each joint."""
 GIVE = re.compile(rf"(?P<argument>{'|'.join(JOINT_KEYS)})={{'(?P<joint>[^']+)': [^}}]*}}")
-"""Such an argument in an error message that advises to give it."""
+"""Pattern of such an argument in an error message that advises to pass it."""
 
 
 class RobotSection(Section):

@@ -153,7 +153,7 @@ class Trial:
                 raise ConfigurationError(what, number, "a finite number")
 
     def under(self, condition: str | None) -> Trial:
-        """The trial with a condition, if any, put before its own, such as a controller."""
+        """The trial with a condition prefixed to its own, such as a controller's name; unchanged for None."""
         return replace(self, condition=", ".join(filter(None, (condition, self.condition))) or None)
 
 

@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 CELL, TASK_CELL = 0.11, 0.08
 """Cell size over sqrt(area), without and with a task."""
 GROWTH, SHRINKAGE, MAX_SHRINKAGE = 0.04, 0.04, 0.3
-"""Growth of the source as a fraction of sqrt(area); shrinkage of the target, and its largest value with the target's
-accuracy, as fractions of the inradius."""
+"""Growth of the source as a fraction of sqrt(area). Shrinkage of the target as a fraction of its inradius: without the
+target's accuracy, and the largest value with it."""
 BEYOND = 0.02
 """Width of the net's border around the grown source, over sqrt(area)."""
 OUTLINE_POINTS, DRAWN = 400, 0.012
@@ -62,9 +62,9 @@ ATTEMPTS = (
     (100.0, True, 1.0, 50.0),
 )
 TASK_ATTEMPTS = ((0.0, False, 1.0, 80.0), (0.0, False, 0.2, 80.0), (0.0, False, 0.05, 80.0), (0.0, False, 0.0, 80.0))
-"""Of each attempt: weight of the mean squared distance from the harmonic map, whether knots are inserted before, what
-the task's weight is multiplied by, and the weight of squared distances from the target's outline, from inside.
-Each begins at the harmonic map."""
+"""For each attempt: weight of the mean squared distance from the harmonic map; whether knots are inserted first; factor
+on the task's weight; weight of squared distances from the target's outline inside it. Each begins at the harmonic
+map."""
 LEAST_USED = 0.6
 """Fraction of the target's area that a map without a task should use; with less, the next attempt follows."""
 TURN_WEIGHT = 100.0

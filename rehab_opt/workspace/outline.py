@@ -96,8 +96,9 @@ def _wide(polygon: BaseGeometry) -> bool:
 def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
     """Nearest point of the slice to a point of the curve, at most as far as from its two nodes; None without one.
 
-    From the node's posture, the NLP may end in a local minimum millimetres off, which would look like a notch. A point
-    further than known is approached by the other method first, and left out if that does not help.
+    From the node's posture, the NLP may end in a local minimum millimetres off, which would look like a notch. If the
+    answer is further away than a known point, the other method is tried; if that
+    does not help, the answer is left out.
     """
     nodes = [node for key in (crossing.outer, crossing.inner) if (node := lattice.nodes[key]).posture is not None]
     known = min(math.hypot(crossing.x - node.x, crossing.y - node.y) for node in nodes)
@@ -134,7 +135,7 @@ def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: floa
 
 
 def _inserted(search: PlaneSearch, a: Nearest, b: Nearest, tolerance: float) -> Nearest | None:
-    """A vertex between two whose chord leaves the slice, as deep in the notch as is known to be outside."""
+    """A new vertex between two vertices whose chord leaves the slice: the deepest one found in the notch."""
     dx, dy = b.x - a.x, b.y - a.y
     if math.hypot(dx, dy) <= 2 * tolerance:
         return None

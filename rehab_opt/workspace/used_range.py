@@ -178,7 +178,7 @@ def _assumed(limits: Limits, uncovered: str | Mapping[str, Sequence[float]] | No
 
 
 def named_ranges(argument: str, ranges: object) -> dict[str, tuple[float, float]]:
-    """Ranges [rad] by name, of Table I by its name or as given; ConfigurationError names `argument`."""
+    """The given ranges [rad] by name, or those of Table I by the table's name; ConfigurationError names `argument`."""
     if isinstance(ranges, str) and ranges in RANGES_OF_MOTION_DEG:
         table = RANGES_OF_MOTION_DEG[ranges]
         return {name: (math.radians(lower), math.radians(upper)) for name, (lower, upper) in table.items()}

@@ -43,8 +43,8 @@ ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
 SEARCHES = 12
 """Number of searches, each with new random seats."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
-"""Largest number of seats to run; number that suffices if one is this close to the limit of the person's arm; least
-difference between seats [rad or m], since neighbours may all end with the same joint at its limit."""
+"""Largest number of seats to run; sufficient number if a run comes this close to the limit of the person's arm; least
+difference between seats [rad or m], since similar seats may all end with the same joint at its limit."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] Range of the led shoulder's height above the robot's base; least distance of the patient's middle and shoulders
 from its axis."""
