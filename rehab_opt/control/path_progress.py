@@ -122,7 +122,7 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
 
 
 def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Number of the sample within a width of the hand that is nearest along the path, beyond a width; -1 for none."""
+    """Sample within a width of the hand, at least a width away along the path; the nearest one, or -1."""
     found = ca.SX(-1)
     for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
         for i in (BEFORE - apart, BEFORE + apart):

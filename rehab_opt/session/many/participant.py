@@ -89,7 +89,7 @@ def checked_name(name: str, *, file: object, key: str) -> str:
 
 
 def unnamed(place: str, name: str, *, file: str, path: Path, error: ProblemFileError) -> Participant:
-    """A person with an invalid name, under a substitute that is unique and no folder's: the position in the input."""
+    """A person with an invalid name; the position in the input, which names no folder, replaces it."""
     said = "".join("_" if letter in FORBIDDEN or not letter.isprintable() else letter for letter in shown(name))
     return Participant(f"{place}: {said}", {}, file, path, str(error))
 
