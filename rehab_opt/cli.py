@@ -95,7 +95,6 @@ def run(
     solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the file's.")] = None,
     law: Annotated[str | None, typer.Option(help="For an upper limb: published, optimised or both (default).")] = None,
     plant: Annotated[str | None, typer.Option(help="Robot: ideal, or mujoco (mass, servos, delays).")] = None,
-    also: Annotated[str | None, typer.Option(help="Further formats of figures: pdf, svg, or pdf,svg.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
     whole: Annotated[bool, typer.Option("--all", help="Print the whole table, not only the main numbers.")] = False,
     study: StudyOption = None,
@@ -108,18 +107,17 @@ def run(
     If the folder has files of an earlier run, a new folder gets a number: figure_eight-2.
     """
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
-    from rehab_opt.session.report import FIGURE_FORMATS, free_folder, write_report  # noqa: PLC0415
+    from rehab_opt.session.report import free_folder, write_report  # noqa: PLC0415
     from rehab_opt.session.systems import system_named  # noqa: PLC0415
 
     config = load_problem(file)
-    formats = [] if also is None else [one_of("--also", each, FIGURE_FORMATS) for each in also.split(",")]
     into = destination(study, person, session, covariate)
     chosen = out if out is not None else Path("out") / config.name
     folder = writable(chosen) if force else free_folder(writable(chosen))
     began, options = time.perf_counter(), {"law": law, "plant": plant, "solver": solver}
     outcome = _run_with_progress(config, **options)
     with undisturbed():
-        written = write_report(outcome, folder, also=formats)
+        written = write_report(outcome, folder)
         if into is not None:
             from rehab_opt.study.record import run_trials  # noqa: PLC0415
 
@@ -344,6 +342,7 @@ def check(
     from rehab_opt.session.systems import NotMet  # noqa: PLC0415
 
     config = load_problem(file)
+    from rehab_opt.session.report import CAPTIONS  # noqa: PLC0415
     from rehab_opt.session.run import arms_of, checked  # noqa: PLC0415
 
     notes = checked(config)
@@ -354,7 +353,7 @@ def check(
             raise ConfigurationError("--picture", str(picture), expected)
         folder = writable(picture, argument="--picture")
         pictures = [folder / f"arm_{number}.png" for number in range(1, len(arms) + 1)]
-        for path in pictures:
+        for path in (*pictures, folder / CAPTIONS):
             not_there_yet(path, force=force, argument="--picture")
     say(f"{config.name}: {config.problem.title}")
     for note in notes if whole else brief(notes):
@@ -366,8 +365,8 @@ def check(
         for name, arm in arms.items():
             say(f"- {range_note(name, arm, side=side)}")
         if pictures:
-            write_range_figures(arms, pictures, title=config.problem.title)
-            say(f"written to {folder}: {', '.join(path.name for path in pictures)}")
+            written = write_range_figures(arms, folder, title=config.problem.title)
+            say(f"written to {folder}: {', '.join(path.name for path in written)}")
     met = not any(isinstance(note, NotMet) for note in notes)
     say("ok" if met else "valid, but the run will not do all that the file asks (see the notes)")
 

@@ -102,7 +102,6 @@ def test_unusable_option_is_one_line_and_exit_code_2(folder: Path, capsys: pytes
         (("run", "problem.toml", "--law", "fastest"), "published, optimised or both"),
         (("run", "problem.toml", "--solver", "scpgen"), "--solver = 'scpgen'"),
         (("run", "problem.toml", "--law", "published", "--solver", "sqp"), "--solver = 'sqp'"),
-        (("run", "problem.toml", "--also", "jpg"), "one of pdf, svg"),
         (("run", "problem.toml", "--out", "path.csv"), "a folder that can be written to"),
         (("many", "nobody"), "nobody: file = 'not found'"),
         (("many", "people.csv", "--workers", "0"), "--workers = 0"),
@@ -134,7 +133,8 @@ def test_without_a_terminal_progress_is_a_line_a_minute(
 
 def test_run_writes_numbers_trace_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ended("run", "problem.toml", "--out", "result") == 0
-    assert files(folder / "result") == {"metrics.json", "trace.csv", "hand_path.png", "joints.png", "error.png"}
+    figures = {f"{name}.{suffix}" for name in ("hand_path", "joints", "error") for suffix in ("png", "pdf")}
+    assert files(folder / "result") == {"metrics.json", "trace.csv", "captions.md", *figures}
     content = json.loads((folder / "result/metrics.json").read_text(encoding="utf-8"))
     assert {"optimised", "published"} <= content["metrics"].keys()
     assert content["metrics"]["reachable_fraction_of_length"] == 1.0
@@ -180,9 +180,9 @@ def test_second_run_gets_a_number_or_replaces_its_files_and_leaves_others(folder
     arguments = ("run", "problem.toml", "--law", "published", "--out", "result")
     assert ended(*arguments) == 0
     first = (folder / "result/metrics.json").read_bytes()
-    assert ended(*arguments, "--also", "svg") == 0
+    assert ended(*arguments) == 0
     assert (folder / "result/metrics.json").read_bytes() == first
-    assert {"metrics.json", "joints.png", "joints.svg"} <= files(folder / "result-2")
+    assert {"metrics.json", "joints.png", "joints.pdf"} <= files(folder / "result-2")
     assert ended(*arguments, "--force") == 0
     assert not (folder / "result-3").exists()
     assert (folder / "result/metrics.json").read_bytes() != first  # solve times differ

@@ -156,16 +156,16 @@ def _own(sequence: Instances, entrants: Sequence[Entrant]) -> list[tuple[Entrant
 def write_comparison(found: Comparison, out: Path) -> tuple[Path, ...]:
     """Write results.json, table.md and the figures."""
     from bench.solvers.figures import figures_of  # noqa: PLC0415  (matplotlib)
+    from rehab_opt.session.drawing import styled  # noqa: PLC0415
+    from rehab_opt.session.report import write_figures  # noqa: PLC0415
 
     results, table = out / "results.json", out / "table.md"
     content = {**found.about, "rows": [_strict(row._asdict()) for row in found.rows]}
     results.write_text(json.dumps(_strict(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     table.write_text(header(found) + "\n\n" + "\n".join(as_markdown(grid) for grid in found.grids), encoding="utf-8")
-    written = [results, table]
-    for name, figure in figures_of(found.passes, found.rows, found.hopeless).items():
-        written.append(out / f"{name}.png")
-        figure.savefig(written[-1])
-    return tuple(written)
+    with styled():
+        figures = write_figures(figures_of(found.passes, found.rows, found.hopeless), out, "Solvers compared")
+    return (results, table, *figures)
 
 
 def header(found: Comparison) -> str:

@@ -15,7 +15,7 @@ from rehab_opt.control.reasons import REASONS
 from rehab_opt.export.export_c import export_c
 from rehab_opt.export.recording import STATUSES
 from rehab_opt.kinematics.ur5 import ur5
-from rehab_opt.session.drawing import GRID, LIMIT, REFERENCE, TOLD, TRUE, framed
+from rehab_opt.session.drawing import BROAD, COMMANDED, LIMIT, REFERENCE, TRUE, framed, legend_below
 from rehab_opt.session.files import load_problem
 
 PROBLEM = "robot/ur5_circle"
@@ -69,7 +69,7 @@ def c_commands() -> Figure:
     safe = np.array([int(tick["status"]) in SAFE for tick in ticks])
     time, apart = TICK_S * np.arange(len(ticks)), np.abs(c - python).max(axis=1)
 
-    figure = framed("One controller in Python and in C: a UR5's pose tracker, with faults among its inputs", 9.0, 5.6)
+    figure = framed("One controller in Python and in C: a UR5's pose tracker, with faults among its inputs.", 4.2)
     grid = figure.subplots(2, 2, width_ratios=(2.2, 1), height_ratios=(2, 1), sharex="col", sharey="row")
     since = {REASONS[int(tick["reason"])].name: at for tick, at in zip(ticks[::-1], time[::-1], strict=True)}
     braked = np.rad2deg(abs(python[np.searchsorted(time, since["NOT_FOLLOWED"]), JOINT]))
@@ -81,19 +81,17 @@ def c_commands() -> Figure:
                 time[shown], 0, 1, where=safe[shown], step="post", color=LIMIT, alpha=0.6, linewidth=0.8,
                 transform=axes.get_xaxis_transform(), label="fallback command, at a fault",
             )  # fmt: skip
-            axes.grid(**GRID)
             axes.margins(x=0.01)
-            axes.tick_params(labelsize=8)
         degrees = (np.rad2deg(each[shown, JOINT]) for each in (python, c))
-        above.step(time[shown], next(degrees), where="post", color=TOLD, linewidth=5.0, label="Python")
-        above.step(time[shown], next(degrees), where="post", color=TRUE, linewidth=1.4, label="C")
-        below.plot(time[shown], apart[shown], ".", color=TRUE, markersize=3)
-        below.axhline(ALLOWED, color=REFERENCE, linestyle="--", linewidth=1.2, label="largest difference allowed")
-        above.set_title(name, fontsize=9, loc="left")
-        below.set_xlabel("time [s]", fontsize=9)
+        above.step(time[shown], next(degrees), where="post", color=COMMANDED, linewidth=BROAD, label="Python")
+        above.step(time[shown], next(degrees), where="post", color=TRUE, label="C")
+        below.plot(time[shown], apart[shown], ".", color=TRUE)
+        below.axhline(ALLOWED, color=REFERENCE, linestyle="--", label="largest difference allowed")
+        above.set_title(name)
+        below.set_xlabel("time [s]")
     joint = ur5().names[JOINT].replace("_", " ")
-    grid[0, 0].set_ylabel(f"commanded speed of the\n{joint} joint [deg/s]", fontsize=9)
-    grid[1, 0].set_ylabel("C minus Python,\nlargest joint [rad/s]", fontsize=9)
+    grid[0, 0].set_ylabel(f"commanded speed of the\n{joint} joint [deg/s]")
+    grid[1, 0].set_ylabel("C minus Python,\nlargest joint [rad/s]")
     grid[1, 0].set_yscale("symlog", linthresh=LEAST, linscale=0.5)
     grid[1, 0].set_ylim(-0.3 * LEAST, 1e-7)
     grid[1, 0].set_yticks([0, 1e-15, 1e-12, 1e-9])
@@ -103,13 +101,6 @@ def c_commands() -> Figure:
         (0.4 * since["NOT_FOLLOWED"], "grey lines: single faults (NaN, a stamp, a unit);\neach brakes for a tick"),
         ((since["NOT_FOLLOWED"] + time[-1]) / 2, "encoders stand\nstill: brakes\nand holds"),
     ):
-        grid[0, 0].text(x, 0.97 * top, words, fontsize=8, ha="center", va="top")
+        grid[0, 0].text(x, 0.97 * top, words, ha="center", va="top")
     grid[0, 0].set_ylim(top=top)
-    handles = {}
-    for axes in grid[:, 0]:
-        found, labels = axes.get_legend_handles_labels()
-        handles |= dict(zip(labels, found, strict=True))
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9
-    )
-    return figure
+    return legend_below(figure)

@@ -6,20 +6,17 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, FancyBboxPatch, Rectangle
 
-X, Y, Z, BODY, INK, TINT = "#D55E00", "#009E73", "#0072B2", "#DDDDDD", "#222222", "#EEF3F8"
-WIDTH = 7.2
-"""[inches]"""
-SMALL = 8
+from rehab_opt.session.drawing import OKABE_ITO, framed
+
+X, Y, Z, BODY, INK, TINT = OKABE_ITO[1], OKABE_ITO[2], OKABE_ITO[0], "#DDDDDD", "#222222", "#EEF3F8"
 
 
 def frames() -> Figure:
     """The arm's frame, a robot's base and tool, and the chair with a wall and a post, each with its axes."""
-    figure = Figure(figsize=(WIDTH, 2.9), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = framed("Frames and signs of the arm, of a robot and of a chair.", 2.9)
     for axes, draw in zip(figure.subplots(1, 3), (_person, _robot, _chair), strict=True):
         axes.set_aspect("equal")
         axes.set_axis_off()
@@ -29,8 +26,8 @@ def frames() -> Figure:
 
 def tick() -> Figure:
     """The steps from a state to a command, and to a fallback command."""
-    figure = Figure(figsize=(WIDTH, 3.6), dpi=150)
-    FigureCanvasAgg(figure)
+    figure = framed("The steps from a state to a command.", 3.6)
+    figure.set_layout_engine("none")
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     axes.set(xlim=(0, 7.2), ylim=(0, 3.6))
@@ -67,8 +64,8 @@ def tick() -> Figure:
     axes.plot((3.60, 3.60), (2.55, 2.40), color=X, linewidth=1.2)
     axes.plot((3.60, 2.15), (2.40, 2.40), color=X, linewidth=1.2)
     _arrow(axes, (5.05, 1.35), (5.05, 0.99), X)
-    axes.text(5.12, 1.12, "not certified", fontsize=SMALL, color=X, va="center")
-    axes.text(0.80, 0.62, "no", fontsize=SMALL, color=X)
+    axes.text(5.12, 1.12, "not certified", color=X, va="center")
+    axes.text(0.80, 0.62, "no", color=X)
     axes.plot((2.95, 2.15), (0.35, 0.35), color=X, linewidth=1.2)
     _arrow(axes, (2.15, 0.35), (2.15, 1.35), X)
     return figure
@@ -84,8 +81,8 @@ def _box(axes: Axes, left: float, bottom: float, words: str, *, width: float = 1
     shape.set(facecolor=colour, edgecolor=INK, linewidth=0.8)
     axes.add_patch(shape)
     head, _, rest = words.partition("\n")
-    axes.text(left + width / 2, bottom + 0.79, head, fontsize=SMALL, weight="bold", ha="center", va="top")
-    axes.text(left + width / 2, bottom + 0.60, rest, fontsize=SMALL - 1, ha="center", va="top", linespacing=1.15)
+    axes.text(left + width / 2, bottom + 0.79, head, weight="bold", ha="center", va="top")
+    axes.text(left + width / 2, bottom + 0.60, rest, ha="center", va="top", linespacing=1.15)
 
 
 def _arrow(axes: Axes, begin: tuple[float, float], end: tuple[float, float], colour: str = INK) -> None:
@@ -101,7 +98,7 @@ def _axis(axes: Axes, origin: tuple[float, float], along: tuple[float, float], w
     above = "center" if abs(along[1]) < 0.5 * abs(along[0]) else "bottom" if along[1] > 0 else "top"
     size = max(abs(along[0]), abs(along[1]))
     at = (end[0] + 0.02 * along[0] / size, end[1] + 0.02 * along[1] / size)
-    axes.text(*at, words, color=colour, fontsize=SMALL, ha=across, va=above)
+    axes.text(*at, words, color=colour, ha=across, va=above)
 
 
 def _out(axes: Axes, words: str, size: float, away: tuple[float, float], side: str) -> None:
@@ -109,7 +106,7 @@ def _out(axes: Axes, words: str, size: float, away: tuple[float, float], side: s
     at = (0.0, 0.0)
     axes.add_patch(Circle(at, size, facecolor="white", edgecolor=Z, linewidth=1.2, zorder=4))
     axes.add_patch(Circle(at, size / 3, facecolor=Z, edgecolor=Z, zorder=5))
-    axes.text(*away, words, color=Z, fontsize=SMALL, ha=side, va="top")
+    axes.text(*away, words, color=Z, ha=side, va="top")
 
 
 def _person(axes: Axes) -> None:
@@ -118,11 +115,11 @@ def _person(axes: Axes) -> None:
     axes.add_patch(Circle((0.20, 0.03), 0.09, facecolor="white", edgecolor=INK, linewidth=0.8))
     axes.plot((0.0, -0.20, -0.20), (0.0, 0.24, 0.50), color="#999999", linewidth=5, solid_capstyle="round")
     axes.plot(-0.20, 0.50, "o", color=INK, markersize=4)
-    axes.text(-0.16, 0.52, "hand", fontsize=SMALL)
+    axes.text(-0.16, 0.52, "hand")
     _axis(axes, (0.0, 0.0), (0.46, 0.0), "x, to the\nright", X)
     _axis(axes, (0.0, 0.0), (0.0, 0.34), "y, forward", Y)
     _out(axes, "z, up", 0.025, (-0.04, -0.04), "right")
-    axes.text(0.10, -0.27, "person from above,\norigin at the shoulder", fontsize=SMALL, ha="center", va="center")
+    axes.text(0.10, -0.27, "person from above,\norigin at the shoulder", ha="center", va="center")
     axes.set(xlim=(-0.30, 0.72), ylim=(-0.36, 0.66))
 
 
@@ -134,12 +131,11 @@ def _robot(axes: Axes) -> None:
     _axis(axes, (0.0, 0.0), (0.0, 0.26), "z", Z)
     _axis(axes, (0.50, 0.30), (0.10, -0.12), "tool z", Z)
     _axis(axes, (0.50, 0.30), (0.12, 0.10), "tool x", X)
-    axes.text(0.26, 0.66, "twist = (vx, vy, vz, wx, wy, wz)\nof the tool, in base axes", fontsize=SMALL, ha="center")
+    axes.text(0.26, 0.66, "twist = (vx, vy, vz, wx, wy, wz)\nof the tool, in base axes", ha="center")
     axes.text(
         0.26,
         -0.20,
         "robot from the side;\npose (4, 4): tool in the base frame",
-        fontsize=SMALL,
         ha="center",
         va="center",
     )
@@ -154,8 +150,8 @@ def _chair(axes: Axes) -> None:
     _out(axes, "z, up; turns are\nanti-clockwise", 0.035, (0.0, -0.07), "center")
     axes.add_patch(Rectangle((-0.75, 0.98), 1.60, 0.12, facecolor="#BBBBBB", edgecolor=INK, hatch="//", linewidth=0.8))
     _arrow(axes, (-0.60, 0.72), (-0.60, 0.98))
-    axes.text(-0.55, 0.80, "HalfPlane: the normal\npoints into the wall", fontsize=SMALL, va="center")
+    axes.text(-0.55, 0.80, "HalfPlane: the normal\npoints into the wall", va="center")
     axes.add_patch(Circle((0.68, 0.30), 0.12, facecolor="#BBBBBB", edgecolor=INK, linewidth=0.8))
-    axes.text(0.68, 0.10, "Disc", fontsize=SMALL, ha="center", va="center")
-    axes.text(0.05, -0.52, "chair from above;\nchassis frame", fontsize=SMALL, ha="center", va="center")
+    axes.text(0.68, 0.10, "Disc", ha="center", va="center")
+    axes.text(0.05, -0.52, "chair from above;\nchassis frame", ha="center", va="center")
     axes.set(xlim=(-0.80, 0.90), ylim=(-0.62, 1.14))

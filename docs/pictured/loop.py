@@ -22,7 +22,7 @@ from rehab_opt.loop.loop import DEAD_MAN, Loop
 from rehab_opt.loop.of_problem import control_of, decide_of, log_of, replay_problem
 from rehab_opt.loop.records import operator_layout, state_layout
 from rehab_opt.loop.shared_ring import SharedRing
-from rehab_opt.session.drawing import GRID, LIMIT, REFERENCE, TRUE, framed
+from rehab_opt.session.drawing import LIMIT, REFERENCE, TRUE, framed, label_times, legend_below
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.run import live_problem
 
@@ -95,32 +95,25 @@ def _figure(records: NDArray[np.void]) -> Figure:
     most_age = default_max_age(float(np.diff(at).min()))
     panels: list[tuple[str, Any, float | None]] = [
         ("speed of the tool\n[mm/s]", speed, None),
-        ("since the switch was\nlast held [ms]", since, 1e3 * DEAD_MAN),
-        ("age of the measured\nstate [ms]", 1e3 * records["age"], 1e3 * most_age),
+        ("since the switch\nwas held [ms]", since, 1e3 * DEAD_MAN),
+        ("age of the\nstate [ms]", 1e3 * records["age"], 1e3 * most_age),
     ]
-    figure = framed("The log of a loop: a simulated UR5 on a circle brakes when it must", 9.0, 6.2)
-    grid = figure.subplots(len(panels), 1, sharex=True, height_ratios=(1.5, 1, 1))
-    for axes, (label, values, most) in zip(grid, panels, strict=True):
+    figure = framed("The log of a loop: a simulated UR5 on a circle brakes when it must.", 4.6)
+    grid = figure.subplots(len(panels), 1, sharex=True, height_ratios=(1.4, 1, 1))
+    for axes, (_, values, most) in zip(grid, panels, strict=True):
         axes.fill_between(
             at, 0, 1, where=records["enabled"] == 0, color=LIMIT, alpha=0.6, linewidth=0,
             transform=axes.get_xaxis_transform(), label="fallback command: the robot brakes and holds",
         )  # fmt: skip
-        axes.plot(at, values, color=TRUE, linewidth=1.4, label="from the log")
+        axes.plot(at, values, color=TRUE, label="from the log")
         if most is not None:
-            axes.axhline(most, color=REFERENCE, linestyle="--", linewidth=1.2, label="limit: at most this old")
-        axes.set_ylabel(label, fontsize=9)
-        axes.set_ylim(bottom=0)
-        axes.grid(**GRID)
-        axes.margins(x=0.01)
-        axes.tick_params(labelsize=8)
-    top = 1.22 * max(speed)
+            axes.axhline(most, color=REFERENCE, linestyle="--", label="limit: at most this old")
+    label_times(grid, *(label for label, _, _ in panels), from_zero=True)
+    top = 1.4 * max(speed)
     grid[0].set_ylim(0, top)
     for middle, words in (
-        (np.median(at[since > 1e3 * DEAD_MAN]), "dead man's\nswitch let\ngo of"),
-        (np.median(at[records["age"] > most_age]), "measure-\nments\ncome late"),
+        (np.median(at[since > 1e3 * DEAD_MAN]), "dead man's\nswitch\nreleased"),
+        (np.median(at[records["age"] > most_age]), "state\narrives\nlate"),
     ):
-        grid[0].text(middle, 0.97 * top, words, ha="center", va="top", fontsize=8)
-    grid[-1].set_xlabel("time [s]", fontsize=9)
-    handles, labels = grid[-1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    return figure
+        grid[0].text(middle, 0.97 * top, words, ha="center", va="top")
+    return legend_below(figure)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from rehab_opt.session.drawing import GRID, REFERENCE, TOLD, TRUE, framed
+from rehab_opt.session.drawing import COMMANDED, REFERENCE, TRUE, framed, legend_below
 
 PRINTED = Path(__file__).parents[2] / "bench" / "solvers" / "TABLE.md"
 QPS = "**QPs of consecutive ticks, warm: mean time in us"
@@ -41,50 +41,46 @@ def solver_times() -> Figure:
     """One row for each family: the default, the best alternative, and all others with a mean."""
     table = _times(QPS) | _times(PROGRAMMES)
     chosen = {row["family"]: (row["default"], row["best alternative"]) for row in _rows(DEFAULTS)}
-    figure = framed("What the controllers solve, tick after tick: mean time of a warm-started solve", 9.0, 5.6)
+    figure = framed("What the controllers solve, tick after tick: mean time of a warm-started solve.", 4.4)
     axes = figure.subplots()
     names = list(FAMILIES)[::-1]
     for row, family in enumerate(names):
         default, best = chosen[family]
         for solver, mean in table[family].items():
             if solver == default:
-                style = {"color": TRUE, "marker": "o", "markersize": 10, "zorder": 4}
+                style = {"color": TRUE, "marker": "o", "markersize": 7, "zorder": 4}
             elif solver == best:
-                style = {"color": TOLD, "marker": "s", "markersize": 9, "zorder": 3}
+                style = {"color": COMMANDED, "marker": "s", "markersize": 6, "zorder": 3}
             elif solver not in OURS:
-                style = {"color": GREY, "marker": "D", "markersize": 5, "zorder": 2}
+                style = {"color": GREY, "marker": "D", "markersize": 4, "zorder": 2}
             else:
                 continue
             whole = {} if mean.fraction == 100 else {"markerfacecolor": "white"}
-            axes.plot(mean.us, row, linestyle="none", markeredgewidth=1.5, **style, **whole)
+            axes.plot(mean.us, row, linestyle="none", markeredgewidth=1.2, **style, **whole)
         ours, other = table[family][default].us, table[family][best].us
         near = max(ours, other) / min(ours, other) < CLOSE
         for at, solver in ((ours, default), (other, best)):
             side = "center" if not near else "right" if at == min(ours, other) else "left"
             axes.annotate(
                 NAMES.get(solver, solver), (at, row), ({"right": -2, "left": 2}.get(side, 0), 8),
-                textcoords="offset points", ha=side, va="bottom", fontsize=8,
+                textcoords="offset points", ha=side, va="bottom",
             )  # fmt: skip
-    axes.axvline(TICK_US, color=REFERENCE, linestyle="--", linewidth=1.2)
+    axes.axvline(TICK_US, color=REFERENCE, linestyle="--")
     axes.set_xscale("log")
     axes.set_xlim(1, 6000)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda us, _: f"{us:g}"))
     axes.set_ylim(-0.5, len(names) - 0.35)
-    axes.set_yticks(range(len(names)), [FAMILIES[name] for name in names], fontsize=9)
-    axes.set_xlabel("mean time of a solve [µs], less is better", fontsize=9)
-    axes.tick_params(axis="x", labelsize=8)
-    axes.grid(**GRID)
-    axes.set_axisbelow(True)
+    axes.set_yticks(range(len(names)), [FAMILIES[name] for name in names])
+    axes.set_xlabel("mean time of a solve [µs], less is better")
     marks = {
-        "the controller's default": {"color": TRUE, "marker": "o", "markersize": 9},
-        "best alternative": {"color": TOLD, "marker": "s", "markersize": 8},
-        "another solver": {"color": GREY, "marker": "D", "markersize": 5},
-        "hollow: not all were solved": {"color": GREY, "marker": "D", "markersize": 5, "markerfacecolor": "white"},
-        "one tick at 1 kHz": {"color": REFERENCE, "linestyle": "--", "linewidth": 1.2},
+        "the controller's default": {"color": TRUE, "marker": "o", "markersize": 7},
+        "best alternative": {"color": COMMANDED, "marker": "s", "markersize": 6},
+        "another solver": {"color": GREY, "marker": "D", "markersize": 4},
+        "hollow: not all were solved": {"color": GREY, "marker": "D", "markersize": 4, "markerfacecolor": "white"},
+        "one tick at 1 kHz": {"color": REFERENCE, "linestyle": "--"},
     }
     handles = [Line2D([], [], **{"linestyle": "none", **style}, label=label) for label, style in marks.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
-    return figure
+    return legend_below(figure, handles)
 
 
 def _times(heading: str) -> dict[str, dict[str, Mean]]:

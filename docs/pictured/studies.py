@@ -24,7 +24,7 @@ FIRST = datetime.date(2026, 10, 5)
 STRENGTHS_N = (2.0, 4.0, 6.0, 8.0, 10.0)
 """Assumed strength of the person outside the comfortable workspace, week after week."""
 TRIALS = 6
-SIZE = (1000, 965)
+SIZE = (1000, 1000)
 """[pixels] of the browser's window."""
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,19 +16,22 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.goniometer import GONIOMETER, arm_posture, goniometer_range, range_in_words
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, ARM_REST
 from rehab_opt.session.arm_keys import RADIANS
-from rehab_opt.session.drawing import fitted, framed, legend_below
+from rehab_opt.session.drawing import BROAD, OKABE_ITO, framed, legend_below, styled
 from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.outcome import Array
+from rehab_opt.session.report import write_figures
 
 __all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
 
-LOWER, UPPER, TRUNK = "#D55E00", "#0072B2", "#BBBBBB"
+LOWER, UPPER, TRUNK = OKABE_ITO[1], OKABE_ITO[0], "#BBBBBB"
 SAME = 1e-9
 """[m] Frame origins closer than this count as one point."""
 THUMB = 0.06
 """[m] Drawn length of the thumb, which is the handle's axis."""
 CROOKED = 45.0
 """[deg] An elbow that cannot extend past this angle was probably measured with 180 as straight."""
+WRAPPED = 26
+"""Letters below a panel."""
 BENT = {"elbow_flexion": math.pi / 2}
 
 
@@ -70,9 +74,11 @@ def _looks_like(movement: str, lower: float, upper: float) -> str:
     return ""
 
 
-def range_figure(title: str, arm: SerialChain) -> Figure:
+def range_figure(name: str, arm: SerialChain) -> Figure:
     """A figure with one panel for each movement: the arm at both ends of it, with all other movements at zero."""
-    figure = framed(f"{title}\nEach movement alone, at both ends of its range; the short line is the thumb", 11.0, 6.4)
+    figure = framed(
+        f"Range of motion {name!r}: each movement alone, at both ends of its range; the short line is the thumb.", 5.0
+    )
     panels = figure.subplots(2, 4).ravel()
     for axes, (movement, (lower, upper)) in zip(panels, _measured(arm).items(), strict=True):
         view, of = VIEWS[movement], GONIOMETER[movement]
@@ -80,19 +86,20 @@ def range_figure(title: str, arm: SerialChain) -> Figure:
             _draw(axes, stick_arm(arm, {**view.beside, movement: angle}), view, colour, style)
         low, high = (round(math.degrees(angle), 1) + 0.0 for angle in (lower, upper))
         ends = f"{low:g} to {high:g} deg"
-        axes.set_title(f"{movement.replace('_', ' ')}\n{ends}", fontsize=9)
-        axes.set_xlabel(f"{view.words}\n+ {of.positive}, - {of.negative}", fontsize=7)
+        axes.set_title(f"{movement.replace('_', ' ')}\n{ends}")
+        axes.set_xlabel("\n".join([*textwrap.wrap(view.words, WRAPPED), f"+ {of.positive}", f"- {of.negative}"]))
     for colour, style, label in ((LOWER, "--", "lower end"), (UPPER, "-", "upper end")):
         panels[0].plot([], [], color=colour, linestyle=style, label=label)
-    panels[0].plot([], [], color=TRUNK, linewidth=4, label="trunk")
-    return legend_below(figure, panels[0], 3)
+    panels[0].plot([], [], color=TRUNK, linewidth=BROAD, label="trunk")
+    return legend_below(figure)
 
 
-def write_range_figures(arms: Mapping[str, SerialChain], paths: Sequence[Path], *, title: str) -> None:
-    """Write a figure of each arm."""
-    for path, (name, arm) in zip(paths, arms.items(), strict=True):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        fitted(range_figure(f"{title}\nrange of motion {name!r}", arm)).savefig(path)
+def write_range_figures(arms: Mapping[str, SerialChain], folder: Path, *, title: str) -> list[Path]:
+    """A figure of each arm, arm_1 and so on, and their captions."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with styled():
+        figures = {f"arm_{i}": range_figure(*each) for i, each in enumerate(arms.items(), start=1)}
+        return write_figures(figures, folder, title)
 
 
 def stick_arm(arm: SerialChain, angles: Mapping[str, float]) -> Array:
@@ -115,9 +122,9 @@ def _measured(arm: SerialChain) -> dict[str, tuple[float, float]]:
 def _draw(axes: Axes, points: Array, view: View, colour: str, style: str) -> None:
     flat = points[:, [view.across, view.up]]
     trunk = ([0, 0], [-0.45, 0.1]) if view.up == 2 else ([-0.1, 0.1], [0, 0])
-    axes.plot(*trunk, color=TRUNK, linewidth=4, zorder=0)
-    axes.plot(*flat[:-1].T, color=colour, linestyle=style, marker="o", markersize=3)
-    axes.plot(*flat[-2:].T, color=colour, linewidth=1)
+    axes.plot(*trunk, color=TRUNK, linewidth=BROAD, zorder=0)
+    axes.plot(*flat[:-1].T, color=colour, linestyle=style, marker="o", markersize=2.5)
+    axes.plot(*flat[-2:].T, color=colour)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.1)
     axes.set(xticks=[], yticks=[])

@@ -17,7 +17,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.human_arm import ARM_REST, human_arm
 from rehab_opt.kinematics.link_capsules import Capsule
 from rehab_opt.kinematics.room import Box, KeepOut, arm_capsules
-from rehab_opt.session.drawing import GRID, LIMIT, MM, REFERENCE, framed, label_times, legend_below
+from rehab_opt.session.drawing import LIMIT, MM, OKABE_ITO, REFERENCE, THIN, framed, label_times, legend_below
 from rehab_opt.session.live.bodies import ArmBodies, kept_off, moving_rows, sides
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.robot_file import pose_of
@@ -41,8 +41,7 @@ Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_leng
 
 SHOWN = 4
 """Number of pairs whose distance over time is drawn, the closest ones."""
-LINK, BODY = "#0072B2", "#E69F00"
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
+LINK, BODY = OKABE_ITO[0], OKABE_ITO[4]
 
 
 class ClearPlaneSection(Section):
@@ -190,10 +189,14 @@ class NearestBodies:
         said = f"bodies came {how} the margin: {names}, at {of['at_s']:.3g} s"
         return "; ".join((*self.start_notes, said))
 
-    def figure(self, title: str) -> Figure:
+    def figure(self, of: str = "") -> Figure:
         """Bodies at their closest approach, from above and from the side, and distances over time."""
         figure = framed(
-            f"{title}\nLinks and bodies where they came nearest, and what is left before the margin", 9.5, 9.0
+            f"Links (blue) and bodies (orange){of} where they came nearest, from above and from the side; and over "
+            f"time the distance that is left before the margin ({self.section.margin_mm:g} mm from bodies, "
+            f"{self.section.self_margin_mm:g} mm between links), of the pairs that came nearest of "
+            f"{len(self.pairs.names)}. n = {len(self.time)} ticks.",
+            5.4,
         )
         panels = figure.subplot_mosaic([["above", "side"], ["over", "over"]])
         tick = int(self.distances.min(axis=1).argmin())
@@ -201,15 +204,15 @@ class NearestBodies:
             _draw(panels[key], self.pairs, self.q[tick], self.section.moving_at(self.time[tick])[0], across, up)
         axes = panels["over"]
         nearest = np.argsort(self.distances.min(axis=0), kind="stable")[:SHOWN]
-        for pair, colour in zip(nearest, COLOURS, strict=False):
-            label = " and ".join(self.names[pair])
-            axes.plot(self.time, MM * self.distances[:, pair], color=colour, linewidth=1.5, label=label)
+        for pair, colour in zip(nearest, OKABE_ITO, strict=False):
+            label = " and ".join(self.names[pair]).replace("_", " ")
+            axes.plot(self.time, MM * self.distances[:, pair], color=colour, label=label)
         axes.axhspan(-1e6, 0, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="within the margin")
-        axes.axvline(self.time[tick], color=REFERENCE, linewidth=0.8, linestyle=":", label="shown above")
+        axes.axvline(self.time[tick], color=REFERENCE, linewidth=THIN, linestyle=":", label="shown above")
         top = MM * max(float(self.distances[:, nearest].max()), 0.01)
         axes.set_ylim(-0.06 * top, 1.05 * top)
         label_times([axes], "distance less the margin [mm]")
-        return legend_below(figure, axes, 3)
+        return legend_below(figure)
 
 
 def planes_of(sections: Sequence[Any], file: str, key: str) -> list[KeepOut]:
@@ -309,6 +312,5 @@ def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, 
         normal = np.array(plane.normal)
         if np.linalg.norm(normal[seen]) > 0.999:  # seen edge on
             foot, way = MM * plane.offset * normal[seen], np.array([-normal[up], normal[across]])
-            axes.axline(foot, foot + way, color=REFERENCE, linewidth=1.2, linestyle="--")
+            axes.axline(foot, foot + way, color=REFERENCE, linestyle="--")
     axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")
-    axes.grid(**GRID)

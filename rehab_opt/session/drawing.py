@@ -1,10 +1,14 @@
-"""Common to all figures: frame, colours, joints over time, servos, legends."""
+"""Common to all figures: their one style, frame, colours, joints over time, servos, legends.
+
+A figure has no title: its caption is its label, and `captions.md` of a run has those of all figures.
+"""
 
 from __future__ import annotations
 
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,24 +22,30 @@ if TYPE_CHECKING:  # loaded where a figure is made: reading a problem needs none
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
+    from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
 __all__ = [
     "ACROSS",
+    "BROAD",
     "CLOSE_UP",
+    "COMMANDED",
     "FORWARD",
-    "GRID",
     "LAW_NAMES",
     "LAW_STYLES",
     "LIMIT",
     "MISSED",
     "MM",
+    "NARROW",
+    "OKABE_ITO",
     "REFERENCE",
-    "TOLD",
+    "THIN",
     "TRUE",
+    "WIDE",
     "Gaps",
     "Panel",
     "columns_figure",
+    "end_at",
     "figure_over_time",
     "fitted",
     "framed",
@@ -46,33 +56,70 @@ __all__ = [
     "mark_gaps",
     "path_figure",
     "servo_figure",
+    "styled",
 ]
 
 
 Gaps: TypeAlias = Sequence[tuple[float, float]]
 """(from, to) [s] without samples."""
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Colours that every kind of colour vision distinguishes."""
 REFERENCE, MISSED, LIMIT, EVENT = "#000000", "#CC79A7", "#BBBBBB", "#009E73"
+WIDE, NARROW = 7.2, 3.5
+"""[inches] Across both columns of a journal's page, and across one."""
+THIN, BROAD = 0.6, 4.0
+"""[points] Lines of single trials, and of a reference below its followers; all others are as in `STYLE`."""
+STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.titlesize": "medium",
+    "axes.titlelocation": "left",
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": f"cycler('color', {list(OKABE_ITO)})",
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "hatch.linewidth": 0.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "pdf.fonttype": 42,
+    "savefig.dpi": 300,
+}
 MM = 1e3
-GRID: Mapping[str, Any] = {"visible": True, "color": "#DDDDDD", "linewidth": 0.6}
-ACROSS = "left of the shoulder (negative) or right of it (positive) [mm]"
-FORWARD = "in front of the shoulder [mm]"
+ACROSS, FORWARD = "x, to the right [mm]", "y, forward [mm]"
+"""From the shoulder."""
 
 
-def framed(title: str, width: float, height: float) -> Figure:
-    """An empty figure with its title; sizes in inches."""
+@contextmanager
+def styled() -> Iterator[None]:
+    """Matplotlib in the style of all figures; for whatever draws or saves one."""
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    with rc_context(STYLE):
+        yield
+
+
+def framed(caption: str, height: float, width: float = WIDE) -> Figure:
+    """An empty figure with its caption; sizes in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=12)
+    figure.set_label(caption)
     return figure
 
 
-def legend_below(figure: Figure, shown: Axes | Sequence[Artist], columns: int) -> Figure:
-    """The figure with one legend for all of it, outside of all axes: of what these axes show, or of these handles."""
-    handles = shown if isinstance(shown, Sequence) else shown.get_legend_handles_labels()[0]
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+def legend_below(figure: Figure, handles: Sequence[Artist] = ()) -> Figure:
+    """The figure with one legend for all of it, outside of all axes: of these handles, or of what its axes label."""
+    of: dict[str, Artist] = {}
+    for axes in figure.axes if not handles else ():
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            of.setdefault(label, handle)
+    chosen = list(handles or of.values())
+    if chosen:
+        figure.legend(handles=chosen, loc="outside lower center", ncols=len(chosen))
     return figure
 
 
@@ -83,15 +130,35 @@ def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", fr
         if from_zero:
             panel.set_ylim(bottom=0)
         panel.margins(x=0.01)
-        panel.grid(**GRID)
     panel.set_xlabel(time)
+    panel.figure.align_ylabels()
+
+
+def end_at(axes: Axes, top: float, *, bottom: float = 0.0) -> None:
+    """End a panel there; words in its corner say which labelled lines go beyond, and how far."""
+    axes.set_ylim(bottom, top)
+    peaks = [(str(line.get_label()), _peak(axes, line)) for line in axes.lines]
+    beyond = [f"{label} {peak:.3g}" for label, peak in peaks if peak > top and not label.startswith("_")]
+    if beyond:
+        axes.annotate(
+            "beyond this panel: " + ", ".join(beyond), (0.99, 0.96), xycoords="axes fraction", ha="right", va="top"
+        )
+
+
+def _peak(axes: Axes, line: Line2D) -> float:
+    """The largest value of a line; none of one that is no value, as an upright line at an event."""
+    values = np.asarray(line.get_ydata(), dtype=np.float64)
+    counts = np.isfinite(values) & line.get_transform().contains_branch_seperately(axes.transData)[1]
+    return float(np.max(values[counts], initial=-math.inf))
 
 
 LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
-    "optimised": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.0},
-    "published": {"color": "#D55E00", "linestyle": "--", "linewidth": 1.5},
+    "optimised": {"color": OKABE_ITO[0], "linestyle": "-"},
+    "published": {"color": OKABE_ITO[1], "linestyle": "--"},
 }
 LAW_NAMES = {"optimised": "ours", "published": "published controller"}
+STRETCHED = 2.0
+"""Times a limit: what goes beyond is drawn on a scale that is logarithmic above the limit."""
 
 
 class Panel(NamedTuple):
@@ -108,7 +175,7 @@ class Panel(NamedTuple):
 
 
 def figure_over_time(
-    title: str,
+    caption: str,
     groups: Mapping[str, Mapping[str, Trace]],
     panels: Sequence[Panel],
     *,
@@ -118,30 +185,48 @@ def figure_over_time(
 ) -> Figure:
     """A row for each panel, a column for each group of traces, a line for each controller of a group.
 
-    `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched.
+    `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched. A scale is
+    logarithmic above a limit that is far exceeded.
     """
-    figure = framed(title, 9.0, 0.9 + 2.1 * len(panels))
+    count = max(len(trace["t_s"]) for of in groups.values() for trace in of.values())
+    figure = framed(f"{caption} n = {count} ticks a run.", 0.7 + 1.3 * len(panels))
     grid = figure.subplots(len(panels), len(groups), sharex="col", sharey="row", squeeze=False)
-    for column, (group, of) in zip(grid.T, groups.items(), strict=True):
-        column[0].set_title(group, fontsize=10, loc="left")
-        column[-1].set_xlabel("time [s]")
+    for number, (column, (group, of)) in enumerate(zip(grid.T, groups.items(), strict=True)):
+        column[0].set_title(group)
         for axes, panel in zip(column, panels, strict=True):
             for order, (law, trace) in enumerate(of.items()):
                 # Dashes over what they agree with.
                 style = {**LAW_STYLES[law], "zorder": 4 + 0.5 * order}
                 axes.plot(trace["t_s"], panel.of(trace), **style, label=LAW_NAMES[law])
-            axes.axhline(panel.limit, color=REFERENCE, linewidth=1, linestyle=":")
-            axes.margins(x=0.01)
-            axes.grid(**GRID)
-            axes.set_ylim(panel.low, panel.high)
             for i, when in enumerate((events or {}).get(group, ()), start=1):
-                axes.axvline(when, color=EVENT, linewidth=1, label=event if i == 1 else None)
-                at, style = {"xycoords": ("data", "axes fraction"), "va": "top"}, {"fontsize": 8, "color": EVENT}
-                axes.annotate(f" {i}", (when, 0.97), **at, **style)
-    for axes, panel in zip(grid[:, 0], panels, strict=True):
-        axes.set_ylabel(panel.label, fontsize=9)
+                axes.axvline(when, color=EVENT, linewidth=THIN, label=event if i == 1 else None)
+                at = {"xycoords": ("data", "axes fraction"), "va": "top"}
+                axes.annotate(f" {i}", (when, 0.97), color=EVENT, **at)
+        label_times(column, *("" if number else panel.label for panel in panels))
+    for row, panel in zip(grid, panels, strict=True):
+        _scale(row, panel)
     mark_gaps([*grid.flat], gaps)
-    return legend_below(figure, grid[0, 0], 3)
+    return legend_below(figure)
+
+
+def _scale(row: Iterable[Axes], panel: Panel) -> None:
+    """Limits of a row of panels, which share them."""
+    row = list(row)
+    peak = max(axes.dataLim.y1 for axes in row)
+    for axes in row:
+        if panel.high is not None:
+            end_at(axes, panel.high, bottom=panel.low)
+        elif peak > STRETCHED * panel.limit:
+            axes.set_yscale("symlog", linthresh=panel.limit, linscale=1.5)
+            axes.set_ylim(panel.low, 1.5 * peak)
+            steps = [times * 10**k for k in range(6) for times in (2, 5, 10)]
+            ticks = [panel.limit * each for each in (0, 0.5, 1, *steps[:: 1 if peak < 20 * panel.limit else 3])]
+            axes.set_yticks(ticks, [f"{each:g}" for each in ticks])
+            axes.set_ylim(panel.low, 1.5 * peak)
+        else:
+            axes.set_ylim(panel.low, max(1.08 * peak, 0.0 if math.isnan(panel.limit) else 1.08 * panel.limit))
+        if math.isfinite(panel.limit):
+            axes.axhline(panel.limit, color=REFERENCE, linewidth=THIN, linestyle="--", label="limit")
 
 
 def labelled_gaps(gaps: Gaps) -> Iterator[tuple[tuple[float, float], str]]:
@@ -157,7 +242,7 @@ def mark_gaps(panels: Sequence[Axes], gaps: Gaps) -> None:
             axes.axvspan(first, last, hatch="//", facecolor="none", edgecolor=REFERENCE, alpha=0.4, label=label)
 
 
-def columns_figure(title: str, columns: Mapping[str, Any]) -> dict[str, Figure]:
+def columns_figure(columns: Mapping[str, Any]) -> dict[str, Figure]:
     """Every column of numbers over `t_s`, a panel for each unit; none where there is no time."""
     units: dict[str, list[str]] = {}
     for name, cells in columns.items():
@@ -165,58 +250,65 @@ def columns_figure(title: str, columns: Mapping[str, Any]) -> dict[str, Figure]:
             units.setdefault(name.rpartition("_")[2], []).append(name)
     if "t_s" not in columns or not units:
         return {}
-    figure = framed(title, 9.0, 1.0 + 2.5 * len(units))
+    figure = framed(f"All columns of trace.csv over time, n = {len(columns['t_s'])} rows.", 0.7 + 1.6 * len(units))
     grid = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
     for axes, names in zip(grid, units.values(), strict=True):
         for name in names:
             axes.plot(columns["t_s"], columns[name], label=name)
-        axes.legend(fontsize=8)
+        axes.legend()
     label_times(grid, *(f"[{unit}]" for unit in units))
     return {"trace": figure}
 
 
-def path_figure(title: str, reference: Array, paths: Mapping[str, Array]) -> Figure:
+def path_figure(reference: Array, paths: Mapping[str, Array]) -> Figure:
     """Paths (N, 3) [m] by controller from above, from the side and from behind, beside their reference (N, 3) [m]."""
-    figure = framed(f"{title}\nPath seen from above, from the side and from behind", 11.0, 4.5)
+    caption = "Path of the tool [mm] seen from above, from the side and from behind, over its reference (broad line);"
+    figure = framed(f"{caption} n = {len(reference)} ticks.", 2.6)
     panels = figure.subplots(1, 3)
     for axes, (a, b) in zip(panels, ((0, 1), (0, 2), (1, 2)), strict=True):
-        wide = {"color": REFERENCE, "linewidth": 4.5, "alpha": 0.25}
+        wide = {"color": REFERENCE, "linewidth": BROAD, "alpha": 0.25}
         axes.plot(MM * reference[:, a], MM * reference[:, b], **wide, label="reference")
         for law, path in paths.items():
             axes.plot(MM * path[:, a], MM * path[:, b], **LAW_STYLES[law], label=LAW_NAMES[law])
-        axes.plot(MM * reference[0, a], MM * reference[0, b], "o", color=REFERENCE, markersize=6, label="start")
+        axes.plot(MM * reference[0, a], MM * reference[0, b], "o", color=REFERENCE, label="start")
         axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[a]} [mm]", ylabel=f"{'xyz'[b]} [mm]")
-        axes.grid(**GRID)
-    return legend_below(figure, panels[0], 3)
+    return legend_below(figure)
 
 
-def joint_figure(
-    title: str, chain: SerialChain, joints: Mapping[str, tuple[Array, Array, Mapping[str, Any]]]
-) -> Figure:
+def joint_figure(chain: SerialChain, joints: Mapping[str, tuple[Array, Array, Mapping[str, Any]]]) -> Figure:
     """A panel for each joint; `joints` holds times (N,) [s], values (N, n) [rad] and their style by label."""
-    rows = math.ceil(chain.n / 2)
-    figure = framed(title, 9.0, 1.3 + 1.9 * rows)
+    rows, count = math.ceil(chain.n / 2), max(len(times) for times, _, _ in joints.values())
+    figure = framed(
+        "Angles of the joints [deg] over time. Each panel is headed by the joint's range; grey: outside it, where that "
+        f"is near. n = {count} samples.",
+        0.8 + 1.05 * rows,
+    )
     grid = np.atleast_1d(figure.subplots(rows, 2, sharex=True)).ravel()
     limits_seen = False
     for joint, axes in enumerate(grid[: chain.n]):
         for label, (times, q, style) in joints.items():
             axes.plot(times, np.rad2deg(q[:, joint]), **style, label=label)
         limits_seen |= _shade_limits(axes, chain, joint)
-        axes.set_title(chain.names[joint].replace("_", " "), fontsize=9, loc="left", parse_math=False)
-        axes.set_ylabel("angle [deg]", fontsize=8)
-        axes.tick_params(labelsize=8)
+        axes.set_title(f"{chain.names[joint].replace('_', ' ')}, {_range(chain, joint)}", parse_math=False)
+        axes.margins(x=0.01)
+    for axes in grid[: chain.n : 2]:
+        axes.set_ylabel("angle [deg]")
     for axes in grid[chain.n - 2 : chain.n]:
-        axes.set_xlabel("time [s]", fontsize=9)
+        axes.set_xlabel("time [s]")
         axes.tick_params(labelbottom=True)  # also above a place without a panel
     for axes in grid[chain.n :]:
         axes.set_visible(False)
-    what = (
-        "Joint angles and the limits near them" if limits_seen else "Joint angles; all limits lie outside these panels"
-    )
-    figure.suptitle(f"{title}\n{what}", fontsize=12)
     if limits_seen:
-        grid[0].plot([], [], color=LIMIT, linewidth=8, alpha=0.6, label="outside the joint's range")
-    return legend_below(figure, grid[0], 4)
+        grid[0].plot([], [], color=LIMIT, linewidth=2 * BROAD, alpha=0.6, label="outside the joint's range")
+    return legend_below(figure)
+
+
+def _range(chain: SerialChain, joint: int) -> str:
+    """A joint's limits in words."""
+    low, high = (round(math.degrees(limit), 1) + 0.0 for limit in (chain.lower[joint], chain.upper[joint]))
+    if chain.locked[joint]:
+        return f"locked at {low:g} deg"
+    return f"{low:g} to {high:g} deg" if math.isfinite(low) else "no limits"
 
 
 def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
@@ -233,27 +325,26 @@ def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
     axes.set_ylim(low - margin, high + margin)
     for outside in ((-1e4, max(lower, -1e4)), (min(upper, 1e4), 1e4)):  # some joints have no ends
         axes.axhspan(*outside, color=LIMIT, alpha=0.6, linewidth=0, zorder=0)
-    if chain.locked[joint]:
-        axes.annotate("locked: a range of zero width", (0.98, 0.06), xycoords="axes fraction", ha="right", fontsize=7)
     return bool(lower > low - margin or upper < high + margin)
 
 
-TRUE, TOLD = "#0072B2", "#E69F00"
+TRUE, COMMANDED = OKABE_ITO[0], OKABE_ITO[4]
 CLOSE_UP = 0.5
 """[s] shown around the fastest change, where delay and servo can be seen."""
 
 
-def servo_figure(title: str, names: Sequence[str], trace: Trace, *, lengths: int = 0) -> Figure:
+def servo_figure(names: Sequence[str], trace: Trace, speeds: Array, *, of: str = "", lengths: int = 0) -> Figure:
     """Two panels a joint: the whole run, and half a second about its hardest acceleration.
 
     Parameters
     ----------
-    names : (n,) of the joints. lengths : how many of them, the first ones, are in metres; the others are angles.
+    names : (n,) of the joints. speeds : (n,) [rad/s, m/s] their limits. of : what run it is, where there are several.
+    lengths : how many of the joints, the first ones, are in metres; the others are angles.
     """
     figure = framed(
-        f"{title}\nJoint speeds, commanded and true: the whole run, and the half second of the largest change",
-        11.0,
-        1.3 + 1.5 * len(names),
+        f"Speeds of the joints{of}, commanded and true: the whole run, and the half second of the largest change. "
+        f"n = {len(trace['t_s'])} ticks.",
+        0.8 + 0.95 * len(names),
     )
     grid = figure.subplots(len(names), 2, squeeze=False, width_ratios=(2.2, 1), sharex="col")
     time, units = trace["t_s"], np.where(np.arange(len(names)) < lengths, 1.0, 180 / math.pi)
@@ -263,19 +354,17 @@ def servo_figure(title: str, names: Sequence[str], trace: Trace, *, lengths: int
     for joint, (name, axes) in enumerate(zip(names, grid, strict=True)):
         for panel, shown in zip(axes, (every, near), strict=True):
             at = time[shown]
-            told, true = (units[joint] * each[shown, joint] for each in (trace["command"], trace["velocity"]))
+            commanded, true = (units[joint] * trace[key][shown, joint] for key in ("command", "velocity"))
             # The commands, which answer the encoders' noise, would hide what came of them.
-            panel.step(at, told, where="post", color=TOLD, linewidth=0.9, label="commanded")
-            panel.plot(at, true, color=TRUE, linewidth=1.4, label="true")
-            panel.grid(**GRID)
+            panel.step(at, commanded, where="post", color=COMMANDED, linewidth=THIN, label="commanded")
+            panel.plot(at, true, color=TRUE, label="true")
             panel.margins(x=0.01)
-            panel.tick_params(labelsize=8)
         unit = "m/s" if joint < lengths else "deg/s"
-        axes[0].set_ylabel(f"[{unit}]", fontsize=8)
-        axes[0].set_title(name.replace("_", " "), fontsize=9, loc="left")
+        axes[0].set_ylabel(f"[{unit}]")
+        axes[0].set_title(f"{name.replace('_', ' ')}, at most {units[joint] * speeds[joint]:.3g} {unit}")
     for panel in grid[-1]:
-        panel.set_xlabel("time [s]", fontsize=9)
-    return legend_below(figure, grid[0, 0], 2)
+        panel.set_xlabel("time [s]")
+    return legend_below(figure)
 
 
 def _moment(trace: Trace, lengths: int) -> float:
@@ -292,14 +381,13 @@ def _moment(trace: Trace, lengths: int) -> float:
 
 ROOM = 0.97
 """Fraction of the figure's width, or of a panel's, that a text may fill."""
-LINE = 1.3
-"""Height of a line in sizes of its letters."""
-MAX_COLUMNS = 6
+LINE = 1.3 * STYLE["font.size"] / 72
+"""[inches] Height of a line of text."""
 FEWEST_LETTERS = 8
 
 
 def fitted(figure: Figure) -> Figure:
-    """The figure itself, its titles broken into lines and its legends into columns that it has room for.
+    """The figure itself, its headings broken into lines and its legends into columns that it has room for.
 
     What is added in height is added to the figure, so that panels keep their size. A dollar that begins no formula is
     a dollar.
@@ -309,9 +397,6 @@ def fitted(figure: Figure) -> Figure:
     for text in figure.findobj(Text):
         if isinstance(text, Text) and "$" in text.get_text() and not _is_formula(text.get_text()):
             text.set_parse_math(False)
-    if figure.get_suptitle():
-        title = figure.suptitle(figure.get_suptitle(), fontsize=12)
-        _heighten(figure, _wrap(figure, title, figure.bbox.width), 12.0)
     figure.draw_without_rendering()
     for legend in list(figure.legends):
         _fit_legend(figure, legend)
@@ -320,7 +405,7 @@ def fitted(figure: Figure) -> Figure:
         if inside is not None:
             _shorten(figure, inside, ROOM * axes.bbox.width)
         lines = [_wrap(figure, text, max(axes.bbox.width, 0.15 * figure.bbox.width)) for text in _titles(axes)]
-        _heighten(figure, max(lines, default=0), 9.0)
+        figure.set_figheight(figure.get_figheight() + max(lines, default=0) * LINE)
     return figure
 
 
@@ -343,21 +428,12 @@ def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
 def _fit_legend(figure: Figure, legend: Legend) -> None:
     """The figure's legend anew, with fewer columns and then shorter lines, if it is wider than the figure."""
     labels, room = [text.get_text() for text in legend.get_texts()], ROOM * figure.bbox.width
-    if not labels or _width(legend) <= room:
-        return
-    handles, size, before = legend.legend_handles, legend.get_texts()[0].get_fontsize(), _height(legend)
-    for columns in range(min(MAX_COLUMNS, len(labels)), 0, -1):
-        legend.remove()
-        legend = figure.legend(
-            handles=handles,
-            labels=labels,
-            loc="outside lower center",
-            ncols=columns,
-            frameon=False,
-            fontsize=size,
-        )
+    handles, before = legend.legend_handles, _height(legend)
+    for columns in sorted({math.ceil(len(labels) / rows) for rows in range(2, len(labels) + 1)}, reverse=True):
         if _width(legend) <= room:
             break
+        legend.remove()
+        legend = figure.legend(handles=handles, labels=labels, loc="outside lower center", ncols=columns)
     _shorten(figure, legend, room)
     figure.set_figheight(figure.get_figheight() + max(_height(legend) - before, 0.0) / figure.dpi)
 
@@ -371,17 +447,11 @@ def _shorten(figure: Figure, legend: Legend, room: float) -> None:
             _wrap(figure, text, max(widest - excess, 0.2 * room))
 
 
-def _heighten(figure: Figure, lines: int, size: float) -> None:
-    """More height for lines of `size` [point]."""
-    if lines > 0:
-        figure.set_figheight(figure.get_figheight() + lines * LINE * size / 72)
-
-
 def _titles(axes: Axes) -> list[Text]:
-    """The titles of a panel: what stands in them, and nowhere else."""
-    said = {axes.get_title(loc) for loc in ("left", "center", "right")} - {""}
+    """The headings of a panel: what stands in them, and nowhere else."""
     from matplotlib.text import Text  # noqa: PLC0415
 
+    said = {axes.get_title(loc) for loc in ("left", "center", "right")} - {""}
     return [text for text in axes.findobj(Text) if isinstance(text, Text) and text.get_text() in said]
 
 

@@ -413,7 +413,7 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
         """Path, joints and errors; servos if the robot has them; distances between bodies."""
-        title, (scene,), (trace,) = outcome.title, outcome.scenes.values(), outcome.traces.values()
+        (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
         fastest = scene.chain.velocity
         joints = {LAW_NAMES["optimised"]: (trace["t_s"], trace["joint"], LAW_STYLES["optimised"])}
         panels = (
@@ -421,13 +421,13 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
             Panel("orientation error [deg]", lambda of: np.rad2deg(of["orientation_error_rad"])),
             Panel("fastest joint [% of limit]", lambda of: 100 * (abs(of["command"]) / fastest).max(axis=1), 100),
         )
-        errors = f"{title}\nTracking error, and how much of the joints' speed is used"
+        errors = "Tracking errors of the tool, and the fastest joint's speed as a fraction of its limit, over time."
         found = {
-            "tool_path": path_figure(title, trace["reference"], {"optimised": trace["tool"]}),
-            "joints": joint_figure(title, scene.chain, joints),
+            "tool_path": path_figure(trace["reference"], {"optimised": trace["tool"]}),
+            "joints": joint_figure(scene.chain, joints),
             "error": figure_over_time(errors, {"": {"optimised": trace}}, panels, gaps=scene.gaps),
         }
         if "velocity" in trace:
-            found["servos"] = servo_figure(title, scene.names, trace)
+            found["servos"] = servo_figure(scene.names, trace, fastest)
         near = scene.near(trace)
-        return found if near is None else found | {"clearance": near.figure(title)}
+        return found if near is None else found | {"clearance": near.figure()}

@@ -10,19 +10,23 @@ import math
 import os
 import platform
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.systems import system_named
 
-__all__ = ["FIGURE_FORMATS", "METRICS", "checked_folder", "free_folder", "write_report", "write_results"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["CAPTIONS", "METRICS", "checked_folder", "free_folder", "write_figures", "write_report", "write_results"]
 
 METRICS = "metrics.json"
-FIGURE_FORMATS = ("pdf", "svg")
-"""Formats besides PNG, which is always written."""
+CAPTIONS = "captions.md"
+FIGURE_FORMATS = ("png", "pdf")
 SOFTWARE = ("rehab_opt", "casadi", "numpy", "scipy", "shapely", "ruckig", "mujoco")
 
 
@@ -45,12 +49,8 @@ def free_folder(folder: Path) -> Path:
     return next(each for each in itertools.chain([folder], numbered) if not (each / METRICS).exists())
 
 
-def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> tuple[Path, ...]:
+def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
     """Write every file of a run into a scratch folder, then move them into `folder`; other files there stay.
-
-    Parameters
-    ----------
-    also : formats of `FIGURE_FORMATS` for figures, besides PNG.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) ->
         folder.parent.mkdir(parents=True, exist_ok=True)
         beside = folder if folder.is_dir() else folder.parent  # one that is there may be mounted: no file moves into it
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
-            written = write_results(outcome, Path(scratch), also=also)
+            written = write_results(outcome, Path(scratch))
             folder.mkdir(exist_ok=True)
             return tuple(path.replace(folder / path.name) for path in written)
     except OSError as problem:
@@ -69,19 +69,32 @@ def write_report(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) ->
         ) from problem
 
 
-def write_results(outcome: Outcome, folder: Path, *, also: Sequence[str] = ()) -> list[Path]:
+def write_results(outcome: Outcome, folder: Path) -> list[Path]:
     """Write every file of a run directly into an existing folder; raises OSError if that fails."""
-    from rehab_opt.session.drawing import fitted  # noqa: PLC0415  (loads matplotlib)
+    from rehab_opt.session.drawing import styled  # noqa: PLC0415  (loads matplotlib)
 
-    system = system_named(outcome.system)
-    drawn = system.figures(outcome)
     (folder / METRICS).write_text(metrics_json(outcome), encoding="utf-8")
     write_trace(outcome, folder / "trace.csv")
-    for name, figure in drawn.items():
-        fitted(figure)
-        for suffix in ("png", *also):
-            figure.savefig(folder / f"{name}.{suffix}")
+    with styled():
+        write_figures(system_named(outcome.system).figures(outcome), folder, outcome.title)
     return sorted(folder.iterdir())
+
+
+def write_figures(figures: Mapping[str, Figure], folder: Path, title: str) -> list[Path]:
+    """Write figures as PNG and PDF, and a paragraph for each into captions.md, after what they are of."""
+    from rehab_opt.session.drawing import fitted, styled  # noqa: PLC0415  (loads matplotlib)
+
+    captions, written = folder / CAPTIONS, list[Path]()
+    with styled():
+        for name, figure in figures.items():
+            fitted(figure)
+            for suffix in FIGURE_FORMATS:
+                written.append(folder / f"{name}.{suffix}")
+                figure.savefig(written[-1])
+                figure.set_layout_engine("none")  # as it is: that takes as long as drawing
+    paragraphs = [f"**{name}.** {title}. {figure.get_label()}\n" for name, figure in figures.items()]
+    captions.write_text("\n".join(paragraphs), encoding="utf-8")
+    return [*written, captions]
 
 
 def metrics_json(outcome: Outcome) -> str:

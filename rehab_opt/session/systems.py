@@ -240,7 +240,7 @@ class System(Generic[P, S]):
         """The figures by file name without suffix; by default all columns over time."""
         from rehab_opt.session.drawing import columns_figure  # noqa: PLC0415  (draws)
 
-        return columns_figure(outcome.title, dict(outcome.trace()))
+        return columns_figure(dict(outcome.trace()))
 
 
 def _named(progress: Progress, names: Names, what: str, done: int, among: int) -> None:

@@ -27,9 +27,9 @@ def whole(out: Path, who: list[Entrant], **options: object) -> Comparison:
 def test_a_table_figures_and_numbers_are_written(tmp_path: Path) -> None:
     found = whole(tmp_path, [entrant("is honest"), entrant("lies")])
     written = {path.name for path in write_comparison(found, tmp_path)}
-    figures = {f"box_{kind}.png" for kind in ("profile", "times", "accuracy")}
-    assert written == {"results.json", "table.md", *figures}
-    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in figures)
+    figures = {f"box_{kind}.{suffix}" for kind in ("profile", "times", "accuracy") for suffix in ("png", "pdf")}
+    assert written == {"results.json", "table.md", "captions.md", *figures}
+    assert all((tmp_path / name).read_bytes().startswith((b"\x89PNG", b"%PDF")) for name in figures)
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["settings"]["threads"]["OMP_NUM_THREADS"] == "1"
     assert results["machine"]["processor"]

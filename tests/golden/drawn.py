@@ -19,10 +19,16 @@ from tests.golden.returns import sums
 
 
 def digest(figure: Figure) -> list[Any]:
-    """Size, texts and of each axes its limits and artists: kind, label, colours, widths, and sums of its data."""
+    """Size, caption and texts; of each axes its limits, and its artists' kinds, labels, colours, widths and data."""
     parts = [each for each in figure.get_children() if isinstance(each, Text)]
     legends = [[text.get_text() for text in legend.get_texts()] for legend in figure.legends]
-    return [rounded(figure.get_size_inches()), [told(each) for each in parts], legends, *map(_axes, figure.axes)]
+    return [
+        rounded(figure.get_size_inches()),
+        figure.get_label(),
+        [told(each) for each in parts],
+        legends,
+        *map(_axes, figure.axes),
+    ]
 
 
 def _axes(axes: Axes) -> dict[str, Any]:

@@ -170,9 +170,8 @@ def test_stick_that_was_never_let_go_is_said_to_move_nothing(tmp_path: Path) -> 
         assert not outcome.traces["mecanum", law]["_world"][:200].any()
     assert sum(reason != "" for reason in dict(outcome.trace())["stick_ignored"]) == 2 * 200
     files = write_report(outcome, tmp_path / "out")
-    assert {file.name for file in files} == {
-        "hand.png", "limits.png", "metrics.json", "top_view.png", "trace.csv",
-    }  # fmt: skip
+    figures = {f"{name}.{suffix}" for name in ("hand", "limits", "top_view") for suffix in ("png", "pdf")}
+    assert {file.name for file in files} == {"captions.md", "metrics.json", "trace.csv", *figures}
     text = io.StringIO()
     system = ArdisSystem()
     Console(file=text, width=200).print(system.table(outcome))

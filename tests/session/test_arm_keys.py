@@ -118,7 +118,7 @@ def test_picture_has_the_arm_where_the_goniometer_says(written: Write, tmp_path:
     with pytest.raises(SystemExit) as done:
         main(["check", str(file), "--picture", str(tmp_path / "new")])
     assert done.value.code == 0
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["arm_1.png"]
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"arm_1.png", "arm_1.pdf", "captions.md"}
     with pytest.raises(SystemExit) as done:
         main(["check", "robot/ur5_circle", "--picture", str(tmp_path)])
     assert done.value.code == 2

@@ -15,6 +15,7 @@ import shapely
 from rich.console import Console
 
 from rehab_opt.plants.ideal import IdealJoints
+from rehab_opt.session.drawing import styled
 from rehab_opt.session.files import load_problem, problem_content, problem_of, problem_path, shipped_folder
 from rehab_opt.session.keys import keys_of
 from rehab_opt.session.live.problem import Following, LiveInputs
@@ -97,7 +98,13 @@ def test_short_run(name: str, folder: Path) -> None:
     said = [str(each) for each in checked(on)] if not name.startswith("mirror") else []  # seconds of seats
     outcome = run_problem(on, plant=PLANTS.get(name))
     system: System[Any, Any] = system_named(outcome.system)
-    figures = {key: digest(figure) for key, figure in system.figures(outcome).items()}
+    with styled():
+        drawn = system.figures(outcome)
+    for figure in drawn.values():
+        assert figure.get_figwidth() in {3.5, 7.2}
+        assert figure.get_label().endswith(".")
+        assert not figure.get_suptitle()
+    figures = {key: digest(figure) for key, figure in drawn.items()}
     tables = [words(system.table(outcome)), words(system.brief(outcome)), said, list(outcome.notes)]
     trace = {key: np.asarray(column)[:20].tolist() for key, column in outcome.trace()}
     arms = {key: [arm.lower, arm.upper] for key, arm in arms_of(on).items()}

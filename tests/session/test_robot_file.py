@@ -91,7 +91,7 @@ def test_an_arm_of_ones_own_is_run_reported_and_recorded(problem: Callable[..., 
     assert next(iter(outcome.scenes.values())).chain.n == 7
     assert outcome.metrics["optimised"]["position_error_max_m"] < 1e-3
     files = write_report(outcome, tmp_path / "out")
-    assert {file.suffix for file in files} == {".json", ".csv", ".png"}
+    assert {file.suffix for file in files} == {".json", ".csv", ".png", ".pdf", ".md"}
     (sequence,) = recorded_run(config, ticks=5)
     assert sequence.name.endswith("pose_tracker")
 

@@ -10,9 +10,8 @@ import shapely
 
 from rehab_opt.control.command import Relaxed
 from rehab_opt.control.gate import Mode
-from rehab_opt.session.scenario.field_figures import (
-    gated_forces,
-)
+from rehab_opt.session.drawing import THIN
+from rehab_opt.session.scenario.field_figures import gated_forces
 from rehab_opt.session.scenario.figures import trials_figure
 from rehab_opt.session.scenario.plane_drawing import mean_over_trials
 from rehab_opt.session.scenario.trials import RATE, thinned_ticks
@@ -30,9 +29,10 @@ def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
     outcome.trials["assisted"][2]["force_measured"][101] = (0.0, 27.0)  # between two ticks that are drawn
     place, force, speed = trials_figure(outcome).axes
     for axes in (place, force, speed):
-        thin = [line for line in axes.get_lines() if line.get_linewidth() == 0.8 and np.asarray(line.get_xydata()).size]
+        lines = (line for line in axes.get_lines() if np.asarray(line.get_xydata()).size)
+        thin = [line for line in lines if line.get_linewidth() == THIN and line.get_linestyle() == "-"]
         assert len(thin) == 4
-    assert force.get_ylabel() == "measured force [N]"
+    assert force.get_ylabel() == "measured\nforce [N]"
     assert max(np.asarray(line.get_ydata()).max() for line in force.get_lines()[1:]) == pytest.approx(27.0, abs=0.01)
 
 

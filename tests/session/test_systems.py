@@ -101,7 +101,8 @@ def test_a_kind_from_outside_is_run_checked_and_reported(count: Path, capsys: py
     printed = capsys.readouterr().out
     assert "counts to 3" in printed
     assert "last, mm" in printed  # its numbers, though it draws no table of its own
-    assert {path.name for path in (count / "out/count").iterdir()} == {"metrics.json", "trace.csv", "trace.png"}
+    written = {path.name for path in (count / "out/count").iterdir()}
+    assert written == {"metrics.json", "trace.csv", "trace.png", "trace.pdf", "captions.md"}
     assert (count / "out/count/trace.csv").read_text(encoding="utf-8") == "t_s,count_m,word\n0,0,n\n1,1,n\n2,2,n\n"
     assert json.loads((count / "out/count/metrics.json").read_text(encoding="utf-8"))["title"] == "to three"
 

@@ -13,11 +13,14 @@ from rehab_opt.session.ardis.clearance import arm_points, chair_corners
 from rehab_opt.session.ardis.measures import goals_met
 from rehab_opt.session.ardis.problem import GoalSection
 from rehab_opt.session.drawing import (
+    BROAD,
     EVENT,
-    GRID,
     LAW_NAMES,
     LAW_STYLES,
+    NARROW,
+    OKABE_ITO,
     REFERENCE,
+    WIDE,
     Panel,
     figure_over_time,
     framed,
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["figures"]
 
-OBSTACLE, ARM = "#BBBBBB", "#56B4E9"
+OBSTACLE, ARM = "#BBBBBB", OKABE_ITO[5]
 INSTANTS = 4
 """Chairs that are drawn, from the first to the last."""
 SEEN = 100
@@ -44,7 +47,7 @@ ABOVE = 0.03
 """[m] Goals nearer than this, seen from above, share a label: two would lie on each other."""
 
 
-def figures(title: str, scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) -> dict[str, Figure]:
+def figures(scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) -> dict[str, Figure]:
     """Figures by file name, of the scenes and traces by drive and controller."""
     scene, drives = next(iter(scenes.values())), list(dict.fromkeys(drive for drive, _ in traces))
     ours = {drive: traces[drive, "optimised"] for drive in drives}
@@ -52,39 +55,42 @@ def figures(title: str, scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) 
     goals = {f"{drive} drive": goals_met(trace, scene.problem.goals) for drive, trace in ours.items()}
     events = {group: [when for when in met if when is not None] for group, met in goals.items()}
     found = {
-        "top_view": _top_view(title, scene.robot, scene.room, scene.problem.goals, traces),
+        "top_view": _top_view(scene.robot, scene.room, scene.problem.goals, traces),
         "hand": figure_over_time(
-            f"{title}\nheight of the hand, and the chair's way",
+            "Height of the hand, and path of the chair, over time. Each controller is steered on its own.",
             groups,
             _hand_panels(ours.values(), scene.dt),
             events=events,
             event="goal reached by ours",
         ),
         "limits": figure_over_time(
-            f"{title}\nhow much of its limits each controller uses", groups, _limit_panels(scene.robot, scene.dt)
+            "How much of its limits each controller uses, over time: the arm's joint that is nearest to an end of its "
+            "range, the fastest joint or wheel, and the hardest acceleration; logarithmic above a limit that is "
+            "exceeded twice and more.",
+            groups,
+            _limit_panels(scene.robot, scene.dt),
         ),
     }
     for drive, trace in ours.items():
-        near, named = scenes[drive, "optimised"].near(trace), f"{title}, {drive} drive, ours"
+        near, named = scenes[drive, "optimised"].near(trace), f" ({drive} drive, our controller)"
         if near is not None:
             found[f"clearance_{drive}"] = near.figure(named)
         if "velocity" in trace:
-            found[f"servos_{drive}"] = servo_figure(
-                named, scene.names, Trace({**trace, "command": trace["_world"]}), lengths=2
-            )
+            world, speeds = Trace({**trace, "command": trace["_world"]}), scene.robot.chain.velocity
+            found[f"servos_{drive}"] = servo_figure(scene.names, world, speeds, of=named, lengths=2)
     return found
 
 
 def _hand_panels(ours: Iterable[Trace], dt: float) -> tuple[Panel, Panel]:
-    """A controller that leaves its limits may go anywhere: the panels end where ours does."""
+    """A controller that leaves its limits may go anywhere: panels end where ours does, and say how far it went."""
 
     def way(trace: Trace) -> Array:
         return np.asarray(np.cumsum(np.hypot(trace["_world"][:, 0], trace["_world"][:, 1])) * dt)
 
     far = 1.3 * max(1e-2, *(float(way(trace)[-1]) for trace in ours))
     return (
-        Panel("hand above the floor [m]", lambda trace: trace["hand"][:, 2], 0.0, -0.2, 1.8),
-        Panel("path of the chair [m]", way, high=far),
+        Panel("hand above\nthe floor [m]", lambda trace: trace["hand"][:, 2], low=-0.2, high=1.8),
+        Panel("path of\nthe chair [m]", way, high=far),
     )
 
 
@@ -105,19 +111,17 @@ def _limit_panels(robot: MobileArm, dt: float) -> tuple[Panel, ...]:
         return np.asarray(np.abs(np.diff(trace["command"], axis=0, prepend=0.0)) / dt / chain.acceleration)
 
     def panel(label: str, of: Callable[[Trace], Array]) -> Panel:
-        return Panel(
-            f"{label}\n[% of limit]", lambda trace: 100 * of(trace).max(axis=1, initial=0.0), 100.0, high=200.0
-        )
+        return Panel(f"{label}\n[% of limit]", lambda trace: 100 * of(trace).max(axis=1, initial=0.0), 100.0)
 
     return (
-        panel("arm joint nearest to its limit", ranges),
-        panel("fastest joint or wheel", speeds),
-        panel("hardest acceleration", accelerations),
+        panel("arm joint nearest\nto its limit", ranges),
+        panel("fastest joint\nor wheel", speeds),
+        panel("hardest\nacceleration", accelerations),
     )
 
 
 def _top_view(
-    title: str, robot: MobileArm, room: Sequence[Obstacle], goals: Sequence[GoalSection], traces: Mapping[Any, Trace]
+    robot: MobileArm, room: Sequence[Obstacle], goals: Sequence[GoalSection], traces: Mapping[Any, Trace]
 ) -> Figure:
     ours = {drive: trace for (drive, law), trace in traces.items() if law == "optimised"}
     points = [np.array([goal.hand_m[:2] for goal in goals]).reshape(-1, 2)]
@@ -129,20 +133,25 @@ def _top_view(
     (left, low), (right, high) = every.min(axis=0) - EDGE, every.max(axis=0) + EDGE
     # Side by side where the scene is tall, one above the other where it is wide.
     count, tall = len(ours), (high - low) / (right - left)
-    below = count == 1 or tall < 1 / 1.3
-    size = (8.5, 1.6 + count * (7.5 * tall + 0.9)) if below else (5.0 * count, 7.0)
-    figure = framed(f"{title}\nseen from above; chair and arm of ours at {INSTANTS} instants", *size)
+    below = count == 1 or tall < 0.55
+    width = NARROW if count == 1 else WIDE
+    height = count * (0.8 * width * tall + 0.5) if below else (width / count - 0.6) * tall + 0.5
+    figure = framed(
+        f"Path of the hand seen from above [m], with each controller; chair and arm under ours at {INSTANTS} instants.",
+        0.5 + height,
+        width,
+    )
     grid = np.atleast_1d(figure.subplots(count if below else 1, 1 if below else count)).ravel()
     for axes, (drive, trace) in zip(grid, ours.items(), strict=True):
         _draw_room(axes, room, goals)
         _draw_chairs(axes, robot, trace["joint"])
         for order, law in enumerate(("published", "optimised")):
             style = {**LAW_STYLES[law], "zorder": 4.5 - 0.5 * order}
-            axes.plot(*traces[drive, law]["hand"][:, :2].T, **style, label=f"hand, {LAW_NAMES[law]}")
-        axes.plot(*trace["hand"][0, :2], "o", color=REFERENCE, markersize=5, label="hand at the start", zorder=5)
+            axes.plot(*traces[drive, law]["hand"][:, :2].T, **style, label=LAW_NAMES[law])
+        axes.plot(*trace["hand"][0, :2], "o", color=REFERENCE, label="hand at the start", zorder=5)
         axes.set(xlim=(left, right), ylim=(low, high))
-        axes.set_title(f"{drive} drive", fontsize=10, loc="left")
-    return legend_below(figure, grid[0], 3)
+        axes.set_title(f"{drive} drive")
+    return legend_below(figure)
 
 
 def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection]) -> None:
@@ -159,17 +168,18 @@ def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection
         else:
             axes.add_patch(Circle(obstacle.centre, obstacle.radius, color=OBSTACLE, linewidth=0, zorder=0))
     if room:
-        axes.plot([], [], "s", color=OBSTACLE, markersize=9, label="obstacle of the chair")
+        axes.plot([], [], "s", color=OBSTACLE, label="obstacle of the chair")
     places = [(goal.hand_m[0], goal.hand_m[1]) for goal in goals]
     for goal, place in zip(goals, places, strict=True):
-        axes.add_patch(Circle(place, goal.within_m, fill=False, color=EVENT, linewidth=1.5, zorder=3))
+        axes.add_patch(Circle(place, goal.within_m, fill=False, color=EVENT, linewidth=1.2, zorder=3))
     if places:
-        label = "goal, as wide as its tolerance"
+        label = "goal and its tolerance"
         axes.plot([], [], "o", markerfacecolor="none", color=EVENT, linestyle="", label=label)
-    for numbers, place in _goal_labels(places):
-        axes.annotate(numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=9, color=EVENT, zorder=6)
+    for i, (numbers, place) in enumerate(_goal_labels(places)):
+        axes.annotate(
+            numbers, place, xytext=(5, -11 if i % 2 else 4), textcoords="offset points", color=EVENT, zorder=6
+        )
     axes.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
-    axes.grid(**GRID)
 
 
 def _goal_labels(places: list[tuple[float, float]]) -> list[tuple[str, tuple[float, float]]]:
@@ -196,8 +206,8 @@ def _draw_chairs(axes: Axes, robot: MobileArm, joints: Array) -> None:
         shade = 0.25 + 0.75 * i / (INSTANTS - 1)
         closed = np.vstack([outline, outline[:1]])
         label = "chair, later ones darker" if i == INSTANTS - 1 else None
-        axes.plot(closed[:, 0], closed[:, 1], color=REFERENCE, linewidth=1.2, alpha=shade, label=label, zorder=2)
+        axes.plot(closed[:, 0], closed[:, 1], color=REFERENCE, alpha=shade, label=label, zorder=2)
         front = outline[[0, 1]]  # as `chair_corners` has them: its front
-        axes.plot(front[:, 0], front[:, 1], color=REFERENCE, linewidth=3, alpha=shade, zorder=2)
-        axes.plot(arm[:, 0], arm[:, 1], "o-", color=ARM, linewidth=2, markersize=3, alpha=shade, zorder=3)
-    axes.plot([], [], "o-", color=ARM, linewidth=2, markersize=3, label="arm")
+        axes.plot(front[:, 0], front[:, 1], color=REFERENCE, linewidth=BROAD / 2, alpha=shade, zorder=2)
+        axes.plot(arm[:, 0], arm[:, 1], "o-", color=ARM, alpha=shade, zorder=3)
+    axes.plot([], [], "o-", color=ARM, label="arm")

@@ -257,4 +257,4 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
         """See `ardis.figures`."""
-        return figures(outcome.title, outcome.scenes, outcome.traces)
+        return figures(outcome.scenes, outcome.traces)

@@ -1,4 +1,4 @@
-"""A mirrored motion shown: a table with a column for each law, and figures after Figs. 3-11 of Xu, Guo, Zhang 2021."""
+"""Figures of a mirrored motion, after Figs. 3-11 of Xu, Guo, Zhang 2021."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from matplotlib.figure import Figure
 
 from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.drawing import (
-    GRID,
+    BROAD,
     LAW_STYLES,
     LIMIT,
     MM,
+    NARROW,
+    OKABE_ITO,
     REFERENCE,
+    THIN,
+    end_at,
     framed,
     joint_figure,
     label_times,
@@ -31,12 +35,12 @@ __all__ = ["figures"]
 
 
 STYLES: Mapping[str, Mapping[str, Any]] = {
-    BEFORE: {"color": "#E69F00", "linestyle": ":", "linewidth": 1.8},
+    BEFORE: {"color": OKABE_ITO[4], "linestyle": ":"},
     STEP: LAW_STYLES["optimised"],
-    PLAN: {"color": "#009E73", "linestyle": "-.", "linewidth": 1.5},
+    PLAN: {"color": OKABE_ITO[2], "linestyle": "-."},
 }
 ASTAR = LAW_STYLES["published"]
-LABELS = {BEFORE: BEFORE, STEP: "step: tick by tick", PLAN: "plan: as a whole"}
+LABELS = {BEFORE: BEFORE, STEP: "tick by tick (step)", PLAN: "as a whole (plan)"}
 CAUSE_COLOURS = dict(
     zip(CAUSES, ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000"), strict=True)
 )
@@ -50,25 +54,28 @@ def figures(outcome: MirrorRuns) -> dict[str, Figure]:
         "manipulability": _manipulability(outcome),
         "position": _position(outcome),
         "joints": joint_figure(
-            outcome.title,
-            outcome.chain,
-            {LABELS[name]: (of.time, of.q, STYLES[name]) for name, of in outcome.drives.items()},
+            outcome.chain, {LABELS[name]: (of.time, of.q, STYLES[name]) for name, of in outcome.drives.items()}
         ),
         "pace": _pace(outcome),
         "causes": _causes(outcome),
         "space": _space(outcome),
     }
     if outcome.near is not None:
-        drawn["clearance"] = outcome.near.figure(f"{outcome.title}, {LABELS[STEP]}")
+        drawn["clearance"] = outcome.near.figure(f" ({LABELS[STEP]})")
     motion = led[STEP].motion
     if motion is not None:
-        drawn["servos"] = servo_figure(f"{outcome.title}, {LABELS[STEP]}", outcome.chain.names, motion)
+        drawn["servos"] = servo_figure(outcome.chain.names, motion, outcome.chain.velocity, of=f" ({LABELS[STEP]})")
     return drawn
 
 
 def _manipulability(outcome: MirrorRuns) -> Figure:
     """Against the reference's own time, so that the same moments of the motion stand above each other."""
-    figure = framed(f"{outcome.title}\nManipulability, with the floor and without", 9.0, 5.0)
+    figure = framed(
+        "Manipulability as a fraction of the robot's largest, over the reference's own time, with the floor of "
+        f"{outcome.floor:g} and without. n = {_n(outcome)} samples.",
+        2.8,
+        NARROW,
+    )
     axes, end = figure.add_subplot(), float(outcome.time[-1])
     for name, drive in outcome.drives.items():
         moment = drive.time - drive.lag
@@ -79,29 +86,41 @@ def _manipulability(outcome: MirrorRuns) -> Figure:
         largest = outcome.metrics["manipulability_max"]
         w = np.array([outcome.chain.manipulability(q) for q in path.q]) / largest
         axes.plot(_astar_times(outcome, path), w, **ASTAR, label="published A*")
-    axes.axhspan(-1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label="below the floor")
+    axes.axhspan(
+        -1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label=f"below the floor of {outcome.floor:g}"
+    )
     axes.set(xlim=(-0.01 * end, 1.01 * end), xlabel="time in the reference [s]")
-    axes.set(ylim=(0, 1), ylabel="manipulability, share of the robot's largest")
-    axes.grid(**GRID)
-    return legend_below(figure, axes, 5)
+    axes.set(ylim=(0, 1), ylabel="manipulability / its maximum")
+    return legend_below(figure)
 
 
 def _position(outcome: MirrorRuns) -> Figure:
-    figure = framed(f"{outcome.title}\nPosition of the driven hand, and its distance to the reference", 9.0, 9.0)
+    figure = framed(
+        "Position of the driven hand over time, the mirrored hand as reference (broad line), and the distance between "
+        f"them; allowed are {MM * outcome.max_deviation:g} mm. n = {_n(outcome)} samples.",
+        5.2,
+    )
     panels = figure.subplots(4, 1, sharex=True)
     for i, axes in enumerate(panels[:3]):
         reference = MM * outcome.reference[:, i, 3]
-        axes.plot(outcome.time, reference, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
+        axes.plot(outcome.time, reference, color=REFERENCE, linewidth=BROAD, alpha=0.25, label="mirrored hand")
         for name, led in outcome.drives.items():
             axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
         if outcome.astar is not None:
             positions = MM * outcome.astar.positions[:, i]
             axes.plot(_astar_times(outcome, outcome.astar), positions, **ASTAR, label="published A*")
     for name, led in outcome.drives.items():
-        panels[3].plot(led.time, MM * led.deviation, **STYLES[name])
-    _scale_distances(panels[3], outcome)
+        panels[3].plot(led.time, MM * led.deviation, **STYLES[name], label=LABELS[name])
+    allowed = panels[3].axhline(MM * outcome.max_deviation, color=REFERENCE, linewidth=THIN, linestyle="--")
+    allowed.set_label("allowed distance")
+    furthest = (MM * float(np.nanmax(outcome.drives[name].deviation)) for name in (STEP, PLAN))
     label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
-    return legend_below(figure, panels[0], 5)
+    end_at(panels[3], 1.3 * max(*furthest, 1.0))
+    return legend_below(figure)
+
+
+def _n(outcome: MirrorRuns) -> int:
+    return max(len(drive.time) for drive in outcome.drives.values())
 
 
 def _astar_times(outcome: MirrorRuns, path: AStarPath) -> Array:
@@ -109,28 +128,13 @@ def _astar_times(outcome: MirrorRuns, path: AStarPath) -> Array:
     return np.asarray(outcome.time[np.isfinite(outcome.reference[:, 0, 3])][path.nearest])
 
 
-def _scale_distances(axes: Axes, outcome: MirrorRuns) -> None:
-    """Scale to the laws with a floor, and say in words what lies beyond the panel."""
-    allowed = MM * outcome.max_deviation
-    furthest = {name: MM * float(np.nanmax(led.deviation)) for name, led in outcome.drives.items()}
-    top = 1.3 * max(furthest[STEP], furthest[PLAN], 1.0)
-    axes.set_ylim(0, top)
-    beyond = []
-    if allowed <= top:
-        axes.axhline(allowed, color=REFERENCE, linewidth=1, linestyle=":")
-        place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 9}
-        axes.annotate("largest allowed deviation", (0.995, allowed), **place)
-    else:
-        beyond.append(f"largest allowed deviation {allowed:.0f} mm")
-    if furthest[BEFORE] > top:
-        beyond.append(f"{LABELS[BEFORE]} up to {furthest[BEFORE]:.0f} mm")
-    if beyond:
-        text = "above this panel: " + ", ".join(beyond)
-        axes.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
-
-
 def _pace(outcome: MirrorRuns) -> Figure:
-    figure = framed(f"{outcome.title}\nHow the reference is slowed in time, and what was relaxed", 9.0, 9.5)
+    figure = framed(
+        "How the reference is slowed in time: seconds of it in a second, and how late it is followed; speed of the "
+        f"tool, at most {outcome.linear_speed:g} m/s for a controller with a floor; when what was relaxed. "
+        f"n = {_n(outcome)} samples.",
+        5.4,
+    )
     pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
     for name, drive in outcome.drives.items():
         tool = np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1) / np.diff(drive.time)
@@ -138,27 +142,24 @@ def _pace(outcome: MirrorRuns) -> Figure:
         if name != BEFORE:
             pace.plot(drive.time, 100 * drive.pace, **STYLES[name])
             lag.plot(drive.time, drive.lag, **STYLES[name])
-    speed.axhline(outcome.linear_speed, color=REFERENCE, linewidth=1, linestyle=":")
-    speed.annotate(
-        "cap", (0.995, outcome.linear_speed), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9
-    )
-    speed.set_ylim(0, 3 * outcome.linear_speed)
-    before = outcome.metrics["laws"][BEFORE]["drive"]["tool_speed_max_m_s"]
-    if before > 3 * outcome.linear_speed:
-        text = f"above this panel: {LABELS[BEFORE]}, up to {before:.2g} m/s"
-        speed.annotate(text, (0.995, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=9)
+    speed.axhline(outcome.linear_speed, color=REFERENCE, linewidth=THIN, linestyle="--", label="limit of the speed")
+    _events(events, outcome)
+    labels = "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
+    label_times((pace, lag, speed, events), *labels)
     pace.set_ylim(0, 110 * max(float(drive.pace.max()) for drive in outcome.drives.values()))
     lag.set_ylim(bottom=0)
-    _events(events, outcome)
-    labels = "pace of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
-    label_times((pace, lag, speed, events), *labels)
-    return legend_below(figure, speed, 3)
+    end_at(speed, 3 * outcome.linear_speed)
+    return legend_below(figure)
 
 
 def _causes(outcome: MirrorRuns) -> Figure:
     """A strip of time for each drive, and the seconds of each cause."""
-    figure = framed(f"{outcome.title}\nWhat kept the hand from its reference, second by second", 9.0, 5.5)
-    when, seconds = figure.subplots(2, 1, height_ratios=(1, 1.3))
+    figure = framed(
+        "What kept the hand from its reference: as a strip of time for each controller, and the seconds of each cause. "
+        f"n = {_n(outcome)} samples.",
+        5.2,
+    )
+    when, seconds = figure.subplots(2, 1, height_ratios=(1, 4))
     names = list(outcome.drives)
     for row, (name, drive) in enumerate(outcome.drives.items()):
         cause, dt = outcome.causes[name], float(drive.time[1] - drive.time[0])
@@ -168,19 +169,18 @@ def _causes(outcome: MirrorRuns) -> Figure:
             strips = [(dt * a, dt * n) for a, n in zip(begins.tolist(), lengths.tolist(), strict=True) if cause[a] == k]
             when.broken_barh(strips, (row - 0.4, 0.8), color=colour, linewidth=0)
             spent = outcome.metrics["laws"][name]["drive"]["seconds_by_cause"][label]
-            at = k + 0.27 * (row - (len(names) - 1) / 2)
-            seconds.barh(at, spent, height=0.24, color=colour)
-            if spent:
-                seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center", fontsize=6)
-    when.set_yticks(range(len(names)), [LABELS[name] for name in names], fontsize=8)
+            at = k + 0.3 * (row - (len(names) - 1) / 2)
+            seconds.barh(at, spent, height=0.26, color=colour)
+            if spent >= 0.05:
+                seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center")
+    when.set_yticks(range(len(names)), [LABELS[name] for name in names])
     when.set_xlabel("time of the run [s]")
-    seconds.set_yticks(range(len(CAUSES)), CAUSES, fontsize=8)
+    seconds.set_yticks(range(len(CAUSES)), CAUSES)
     seconds.set_xlabel("time under each cause [s]")
-    seconds.margins(x=0.2)  # room for the words behind the longest
+    seconds.margins(x=0.3)  # room for the words behind the longest
     for axes in (when, seconds):
         axes.invert_yaxis()
-        axes.grid(**GRID, axis="x")
-        axes.set_axisbelow(True)
+        axes.grid(visible=False, axis="y")
     return figure
 
 
@@ -195,10 +195,10 @@ def _events(axes: Axes, outcome: MirrorRuns) -> None:
             )
             if ticks.any():
                 at = np.interp(led.time[ticks], drive.law_time, drive.time)
-                rows.append((f"{name}: {event}", at, STYLES[name]["color"]))
+                rows.append((f"{event} ({name})", at, STYLES[name]["color"]))
     for i, (_, at, colour) in enumerate(rows):
-        axes.plot(at, np.full(len(at), i), "|", color=colour, markersize=9, markeredgewidth=1)
-    axes.set_yticks(range(len(rows)), [label for label, _, _ in rows], fontsize=8)
+        axes.plot(at, np.full(len(at), i), "|", color=colour, markersize=8)
+    axes.set_yticks(range(len(rows)), [label for label, _, _ in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     if not rows:
         axes.set_ylim(0, 1)
@@ -207,11 +207,16 @@ def _events(axes: Axes, outcome: MirrorRuns) -> None:
 
 def _space(outcome: MirrorRuns) -> Figure:
     """In the robot's frame; the robot stands as at the motion's end."""
-    figure = framed(f"{outcome.title}\nThe healthy hand, its mirror image, and the hand that is led", 9.0, 8.0)
+    figure = framed(
+        "The healthy hand, its mirror image and the hand that is led, in the robot's frame [mm]; the robot at the end. "
+        f"n = {_n(outcome)} samples.",
+        3.6,
+        NARROW,
+    )
     axes = figure.add_subplot(projection="3d")
     healthy, reference = MM * outcome.recorded, MM * outcome.reference[:, :3, 3]
-    axes.plot(*healthy.T, color="#CC79A7", linewidth=1.2, label="healthy hand")
-    axes.plot(*reference.T, color=REFERENCE, linewidth=4.0, alpha=0.25, label="mirrored hand")
+    axes.plot(*healthy.T, color=OKABE_ITO[3], label="healthy hand")
+    axes.plot(*reference.T, color=REFERENCE, linewidth=BROAD, alpha=0.25, label="mirrored hand")
     drawn = [healthy, reference]
     for name, led in outcome.drives.items():
         if name == BEFORE:
@@ -223,7 +228,7 @@ def _space(outcome: MirrorRuns) -> Figure:
         axes.plot(*(MM * outcome.astar.positions).T, **ASTAR, label="published A*")
     last = list(outcome.drives.values())[-1].q[-1]
     arm = MM * ArmBodies(outcome.chain).frames(last)[:, :, 3]
-    axes.plot(*arm.T, color="#555555", linewidth=3, marker="o", markersize=5, label="robot at the end")
+    axes.plot(*arm.T, color="#555555", linewidth=BROAD / 2, marker="o", label="robot at the end")
     drawn.append(arm)
     points = np.concatenate(drawn)
     points = points[np.all(np.isfinite(points), axis=1)]
@@ -235,7 +240,7 @@ def _space(outcome: MirrorRuns) -> Figure:
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel("z [mm]", rotation=90)
-    return legend_below(figure, axes, 4)
+    return legend_below(figure)
 
 
 def _draw_mirror(axes: Any, outcome: MirrorRuns, low: Array, high: Array) -> None:
@@ -249,6 +254,6 @@ def _draw_mirror(axes: Any, outcome: MirrorRuns, low: Array, high: Array) -> Non
     ground = point[None, :2] + across[:, None] * along[None, :2]
     axes.plot_surface(
         np.tile(ground[:, 0], (2, 1)), np.tile(ground[:, 1], (2, 1)), np.tile(heights[:, None], (1, 2)),
-        color="#56B4E9", alpha=0.15, linewidth=0,
+        color=OKABE_ITO[5], alpha=0.15, linewidth=0,
     )  # fmt: skip
-    axes.plot([], [], color="#56B4E9", alpha=0.3, linewidth=8, label="mirror: sagittal plane")
+    axes.plot([], [], color=OKABE_ITO[5], alpha=0.3, linewidth=2 * BROAD, label="sagittal plane (mirror)")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -15,20 +15,29 @@ from matplotlib.patches import PathPatch
 
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
-from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.measures.along_path import projected
-from rehab_opt.session.drawing import GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.drawing import (
+    MM,
+    NARROW,
+    OKABE_ITO,
+    REFERENCE,
+    THIN,
+    WIDE,
+    framed,
+    label_times,
+    legend_below,
+)
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.plane_drawing import (
     COMFORTABLE,
     LAW_COLOURS,
     Box,
     draw_arrows,
+    draw_plane,
     draw_reference,
     draw_workspace,
-    draw_workspaces,
+    frame_plane,
     grid_points,
-    seen_box,
     shown_box,
 )
 from rehab_opt.session.scenario.problem import THERAPY
@@ -48,7 +57,7 @@ __all__ = [
 
 
 DARKEST = 0.75
-"""Share of the map that is used."""
+"""Fraction of the map that is used."""
 
 
 def force_colours() -> Colormap:
@@ -65,25 +74,30 @@ def field_figure(outcome: ScenarioTrials) -> Figure:
     """Colours say how large the desired force is, arrows its direction, for a hand at rest."""
     mapped = outcome.demonstrated is not None
     acts = "zero within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
-    leads = "to the nearest of them" if len(outcome.fields) > 1 else "there"
+    nearest = "It is the spring to the path's nearest point; a run pulls to the point of its progress. "
+    spring = "" if outcome.spring is None else nearest
     box = shown_box(_corners(outcome, everything=False))
-    height = 2.4 + (4.6 if mapped else 5.4) * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
-    figure = framed(f"{outcome.title}\ndesired force: {acts}", 12.5 if mapped else 8.5, height)
+    height = 0.8 + 2.7 * np.clip((box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), 0.5, 1.2)
+    figure = framed(
+        f"Desired force [N] on a hand at rest (colour: its size, at most {outcome.force_limit:g} N; arrows: its "
+        f"direction), {acts}. Colours end with the workspace where the force may act. {spring}Positions in mm.",
+        height,
+        WIDE if mapped else NARROW,
+    )
     panels = figure.subplots(1, 2 if mapped else 1, squeeze=False)[0]
     what = "points to be held" if outcome.mode == "hold" else "reference"
     if outcome.demonstrated is not None:
-        draw_workspaces(panels[0], outcome)
+        draw_plane(panels[0], outcome, shown_box(_corners(outcome, everything=True)))
         draw_reference(panels[0], outcome, outcome.demonstrated)
-        seen_box(panels[0], outcome, shown_box(_corners(outcome, everything=True)))
-        panels[0].set_title("as the helper gave it, in $W_r$", fontsize=10, loc="left")
-        panels[1].set_title(f"mapped into $W_c$, with the force that leads {leads}", fontsize=10, loc="left")
+        panels[0].set_title("(a) as the helper gave it, in $W_r$")
+        panels[1].set_title("(b) mapped into $W_c$, with the desired force")
     axes = panels[-1]
-    draw_workspaces(axes, outcome)
+    frame_plane(axes, outcome, box)
+    draw_workspace(axes, outcome, "comfortable", label="$W_c$, comfortable without help")
     _draw_sizes(axes, outcome, box)
     draw_arrows(axes, box, lambda points: gated_forces(outcome, points), count=COARSE)
     draw_reference(axes, outcome, label=what)
-    seen_box(axes, outcome, box)
-    return legend_below(figure, axes, 4)
+    return legend_below(figure)
 
 
 def gated_forces(outcome: ScenarioTrials, points: Array) -> Array:
@@ -99,7 +113,7 @@ def gated_forces(outcome: ScenarioTrials, points: Array) -> Array:
 
 
 def _gate(outcome: ScenarioTrials, points: Array) -> Array:
-    """(N,) share of a therapy's force at points (N, 2): 0 within W_c, 1 from the onset beyond it on."""
+    """(N,) fraction of a therapy's force at points (N, 2): 0 within W_c, 1 from the onset beyond it on."""
     distance = np.asarray(outcome.comfortable.distance(points))
     return np.clip(distance / outcome.onset, 0.0, 1.0) if outcome.onset > 0 else np.where(distance > 0, 1.0, 0.0)
 
@@ -126,14 +140,15 @@ def _draw_sizes(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
     therapy, most = outcome.mode in THERAPY, outcome.force_limit
     size = np.minimum(np.linalg.norm(_forces(outcome, points), axis=1), most)
     size = (size * _gate(outcome, points) if therapy else size).reshape(len(y), len(x))
-    mesh = axes.pcolormesh(MM * x, MM * y, size, cmap=force_colours(), vmin=0, vmax=most, shading="nearest", zorder=1.5)
+    mesh = axes.pcolormesh(
+        MM * x, MM * y, size, cmap=force_colours(), vmin=0, vmax=most, shading="nearest", zorder=1.5, rasterized=True
+    )
     edge = region_path(outcome.reachable if therapy else outcome.comfortable)
     mesh.set_clip_path(edge, axes.transData)
     if therapy:  # no force within W_c: its colour again
         axes.add_patch(PathPatch(region_path(outcome.comfortable), facecolor="white", edgecolor="none", zorder=1.6))
         draw_workspace(axes, outcome, "comfortable", zorder=1.7)
-    words = f"desired force [N], saturated at {most:g}"
-    axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=words)
+    axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=f"desired force [N], at most {most:g}")
 
 
 def _corners(outcome: ScenarioTrials, *, everything: bool) -> Array:
@@ -143,10 +158,10 @@ def _corners(outcome: ScenarioTrials, *, everything: bool) -> Array:
     return np.vstack([outcome.reference, *corners])
 
 
-LED, RECORDED, LEARNT = "#56B4E9", "#E69F00", "#0072B2"
+LED, RECORDED, LEARNT = OKABE_ITO[5], OKABE_ITO[4], OKABE_ITO[0]
 ARROWS = 12
 """Along one movement."""
-LONGEST = 1.2
+LONGEST = 0.7
 """[inches] An arrow of the largest force, however narrow the plane is drawn."""
 
 
@@ -155,29 +170,31 @@ def learnt_figure(outcome: ScenarioTrials) -> Figure:
     fit = outcome.fields[0].fit
     assert fit is not None
     number, kept = (fit.held_out[0], "held out") if fit.held_out else (len(outcome.shown) - 1, "learnt from")
-    figure = framed(f"{outcome.title}\nwhat {len(outcome.shown)} demonstrations taught", 13.0, 6.4)
+    figure = framed(
+        f"The field learnt from n = {len(outcome.shown)} demonstrations: (a) their paths [mm] and recorded forces; "
+        f"(b) the forces of demonstration {number + 1}, which was {kept}, and those of the learnt field there.",
+        3.4,
+    )
     plane, *panels = figure.subplot_mosaic([["plane", "x"], ["plane", "y"]], width_ratios=(1.2, 1)).values()
-    draw_workspaces(plane, outcome)
+    draw_plane(plane, outcome, shown_box(np.vstack([each.positions for each in outcome.shown])))
     _draw_movements(plane, outcome.shown, largest=outcome.force_limit)
     draw_reference(plane, outcome, label="path of the field")
-    seen_box(plane, outcome, shown_box(np.vstack([each.positions for each in outcome.shown])))
     shown = outcome.shown[number]
     time = np.arange(len(shown.positions)) if shown.times is None else shown.times
     field = np.asarray(outcome.fields[0].force(shown.positions, shown.velocities))
-    for i, (axes, axis) in enumerate(zip(panels, "xy", strict=True)):
-        axes.plot(time, shown.forces[:, i], color=RECORDED, linewidth=1.4, label="recorded force")
-        axes.plot(time, field[:, i], "--", color=LEARNT, linewidth=1.8, label="force of the learnt field there")
-        axes.set_ylabel(f"force along {axis} [N]")
-        axes.grid(**GRID)
-    panels[0].set_title(f"demonstration {number + 1}, {kept}", fontsize=10, loc="left")
-    panels[1].set_xlabel("sample" if shown.times is None else "time [s]")
-    return legend_below(figure, [*plane.get_legend_handles_labels()[0], *panels[0].lines], 4)
+    for i, axes in enumerate(panels):
+        axes.plot(time, shown.forces[:, i], color=RECORDED, label="recorded force")
+        axes.plot(time, field[:, i], "--", color=LEARNT, label="force of the learnt field there")
+    plane.set_title("(a)")
+    panels[0].set_title(f"(b) demonstration {number + 1}, {kept}")
+    label_times(panels, *(f"force {axis} [N]" for axis in "xy"), time="sample" if shown.times is None else "time [s]")
+    return legend_below(figure)
 
 
 def _draw_movements(axes: Axes, shown: tuple[Demonstration, ...], *, largest: float) -> None:
     for i, each in enumerate(shown):
         label = "demonstrations" if i == 0 else ""
-        axes.plot(*(MM * each.positions.T), color=LED, linewidth=1.0, label=label, zorder=3)
+        axes.plot(*(MM * each.positions.T), color=LED, label=label, zorder=3)
         at = np.unique(np.linspace(0, len(each.positions) - 1, ARROWS).astype(int))
         axes.quiver(
             *(MM * each.positions[at].T),
@@ -187,83 +204,63 @@ def _draw_movements(axes: Axes, shown: tuple[Demonstration, ...], *, largest: fl
             units="inches",
             scale_units="inches",
             scale=largest / LONGEST,
-            width=0.02,
+            width=0.012,
             zorder=5,
         )
 
 
-PANEL_FINE, PANEL_COARSE = 91, 15
-"""The same across a panel."""
 NARROWER, STIFFER = 0.4, 2.0
-SHOWN = 2.0
-"""Of the scenario's force limit: what is larger has the darkest colour, far from the path a spring has no end."""
-LEVELS = 12
+LEAST = 0.5
+"""[N] to either side, so that a straight path shows no rounding."""
+TO_THE_LEFT = np.array([[0.0, 1.0], [-1.0, 0.0]])
+"""Turns a row vector by a quarter."""
 
 
-class Variant(NamedTuple):
-    """Numbers of a field, and what was changed from the one before."""
-
-    changed: str
-    width: float
-    """[m]"""
-    stiffness: float
-    """[N/m]"""
-    drag: float
-    """[N/m]"""
-
-
-def variants(outcome: ScenarioTrials) -> tuple[Variant, ...]:
-    """(a) the scenario's own sigma and S without k1; then one number after the other is changed."""
+def variants(outcome: ScenarioTrials) -> dict[str, dict[str, Any]]:
+    """The scenario's own sigma and S without k1, then one number after the other is changed; by label."""
     field = outcome.fields[0]
     width, stiffness = field.width, float(np.mean(field.samples.stiffness))
+    narrow, stiff = NARROWER * width, STIFFER * stiffness
     drag = max(abs(field.drag), outcome.force_limit / (2 * field.length))  # pulls as strongly as allowed at the start
-    return (
-        Variant("as here, $k_1$ = 0", width, stiffness, 0.0),
-        Variant(r"smaller $\sigma$", NARROWER * width, stiffness, 0.0),
-        Variant("larger $S$", NARROWER * width, STIFFER * stiffness, 0.0),
-        Variant("with $k_1$", NARROWER * width, STIFFER * stiffness, drag),
-    )
+    own = rf"$\sigma$ = {MM * width:.3g} mm, $S$ = {stiffness:.4g} N/m, $k_1$ = 0"
+    changed = {
+        own: {"width": width, "stiffness": stiffness, "drag": 0.0},
+        rf"$\sigma$ = {MM * narrow:.3g} mm": {"width": narrow, "stiffness": stiffness, "drag": 0.0},
+        f"and $S$ = {stiff:.4g} N/m": {"width": narrow, "stiffness": stiff, "drag": 0.0},
+    }
+    if outcome.mode != "follow":  # whose path may cross itself: no energy falls along it
+        changed[f"and $k_1$ = {drag:.3g} N/m"] = {"width": narrow, "stiffness": stiff, "drag": drag}
+    return changed
 
 
 def parameter_figure(outcome: ScenarioTrials) -> Figure:
-    """Potential above, force below, one panel for each set of numbers; without gate and bound."""
-    path, room = outcome.fields[0].paths[0].points, MM * outcome.fields[0].width
-    (left, right), (low, high) = shown_box(path)
-    left, right, low, high = left - room, right + room, low - room, high + room
-    width = 3.2
-    height = 2 * width * np.clip((high - low) / (right - left), 0.3, 1.6) + 2.2
-    words = "the published field along this path, without gate and bound: what its numbers do"
-    figure = framed(f"{outcome.title}\n{words}", 4 * width + 1.6, height)
-    grid = figure.subplots(2, 4, sharex=True, sharey=True)
-    box = (left, right), (low, high)
-    x, y, points = grid_points(box, PANEL_FINE)
-    most = SHOWN * outcome.force_limit
-    for i, (of, column) in enumerate(zip(variants(outcome), grid.T, strict=True)):
-        field = PotentialField(
-            path, stiffness=of.stiffness, width=of.width, drag=of.drag, rest_on_target=False, compile=False
-        )
-        energies, forces = energies_and_forces(field.samples, field.width, points)
-        energy, size = energies.reshape(len(y), len(x)), np.linalg.norm(forces, axis=1).reshape(len(y), len(x))
-        energy = (energy - energy.min()) / max(float(np.ptp(energy)), 1e-12)
-        contours = column[0].contourf(MM * x, MM * y, energy, levels=np.linspace(0, 1, LEVELS + 1), cmap="cividis")
-        shown = column[1].pcolormesh(MM * x, MM * y, np.minimum(size, most), cmap=force_colours(), vmin=0, vmax=most)
-        draw_arrows(column[1], box, field.force, count=PANEL_COARSE)
-        column[0].set_title(
-            f"({'abcd'[i]}) {of.changed}\n"
-            rf"$\sigma$ = {MM * of.width:.3g} mm, $S$ = {of.stiffness:.4g} N/m, $k_1$ = {of.drag:.3g} N/m",
-            fontsize=8.5,
-            loc="left",
-        )
-        for axes, colour in zip(column, ("white", REFERENCE), strict=True):
-            axes.plot(*(MM * path.T), "--", color=colour, linewidth=1.4, label="path")
-            axes.plot(*(MM * path[-1]), "X", color=colour, markersize=8, markeredgecolor="#888888", label="target")
-            axes.set(aspect="equal", xlim=box[0], ylim=box[1])
-        column[1].set_xlabel("x [mm]")
-    grid[0, 0].set_ylabel("y [mm]")
-    grid[1, 0].set_ylabel("y [mm]")
-    figure.colorbar(contours, ax=grid[0, :], label="potential, each panel\nfrom 0 to 1", shrink=0.8, ticks=[0, 0.5, 1])
-    figure.colorbar(shown, ax=grid[1, :], label="force [N]", shrink=0.8, extend="max")
-    return legend_below(figure, grid[1, 0], 2)
+    """What each number of the field does: S across the path, sigma where it bends, k1 along it."""
+    field = outcome.fields[0]
+    path, (points, remaining) = field.paths[0].points, _places(field)
+    off = field.width * np.linspace(-1.0, 1.0, PLACES)
+    middle, tangent = points[PLACES // 3], _tangents(points)[PLACES // 3]
+    normal, normals = tangent @ TO_THE_LEFT, _tangents(points) @ TO_THE_LEFT
+    figure = framed(
+        "What the numbers of the published field do, one after the other, for a hand at rest, without gate and bound: "
+        "(a) $S$ is the stiffness across the path, here after a third of it; (b) on the path itself a large $\\sigma$ "
+        "pulls across it, where it bends; (c) $k_1$ pulls along the path to the target.",
+        2.8,
+    )
+    across, bends, along = figure.subplots(1, 3)
+    for i, (label, numbers) in enumerate(variants(outcome).items()):
+        varied = PotentialField(path, **numbers, rest_on_target=False, compile=False)
+        force = np.asarray(varied.force(points))
+        style = {"color": OKABE_ITO[i], "linestyle": ("-", "--", "-.", ":")[i]}
+        across.plot(MM * off, varied.force(middle + off[:, None] * normal) @ normal, **style, label=label)
+        bends.plot(MM * remaining, (force * normals).sum(axis=1), **style)
+        along.plot(MM * remaining, (force * _tangents(points)).sum(axis=1), **style)
+    across.set(title="(a) across", xlabel="to the left of the path [mm]", ylabel="force [N]")
+    bends.set(title="(b) across, on the path", xlabel="path left to the target [mm]")
+    along.set(title="(c) along, on the path", xlabel="path left to the target [mm]")
+    for axes in (bends, along):
+        axes.invert_xaxis()
+        axes.set_ylim(min(axes.get_ylim()[0], -LEAST), max(axes.get_ylim()[1], LEAST))
+    return legend_below(figure)
 
 
 PLACES = 400
@@ -281,7 +278,12 @@ ENOUGH = 20
 def along_figure(outcome: ScenarioTrials) -> Figure:
     """Below zero the force is against the motion; the target is at the right."""
     field = outcome.fields[0]
-    figure = framed(f"{outcome.title}\nforce along the path towards the target: below 0 it resists", 10.0, 6.4)
+    figure = framed(
+        "Force along the path towards the target; below 0 it resists. Lines: the fields at rest, and what of them is "
+        f"due to $k_1$; markers: median and 10 to 90 % of the commanded force in the trials, with damping. "
+        f"n = {max(map(len, outcome.trials.values()))} trials with each controller.",
+        3.8,
+    )
     axes = figure.add_subplot()
     points, remaining = _places(field)
     inside = np.asarray(outcome.comfortable.contains(points))
@@ -291,20 +293,19 @@ def along_figure(outcome: ScenarioTrials) -> Figure:
         whole = force_along(of, points)
         by_drag = whole - force_along(without[law], points)
         words, style = CURVES[law]
-        for force, width, said in ((whole, 2.2, f"{words}, at rest"), (by_drag, 1.1, "of this, given by $k_1$")):
-            axes.plot(MM * remaining, gates[law] * force, style, color=LAW_COLOURS[law], linewidth=width, label=said)
+        for force, width, label in ((whole, 1.2, f"{words}, at rest"), (by_drag, THIN, "of this, due to $k_1$")):
+            axes.plot(MM * remaining, gates[law] * force, style, color=LAW_COLOURS[law], linewidth=width, label=label)
         if law in outcome.trials:
             _draw_trials(axes, outcome, law)
     axes.fill_between(
         MM * remaining, 0, 1, where=inside, transform=axes.get_xaxis_transform(), color=COMFORTABLE, alpha=0.2,
         linewidth=0, label="path within $W_c$: no force",
     )  # fmt: skip
-    axes.axhline(0, color=REFERENCE, linewidth=0.8)
+    axes.axhline(0, color=REFERENCE, linewidth=THIN)
     axes.set_xlim(MM * remaining[0], -0.03 * MM * remaining[0])
-    axes.axvline(0, color=REFERENCE, linewidth=1.2, linestyle=":", label="target")
+    axes.axvline(0, color=REFERENCE, linestyle=":", label="target")
     axes.set(xlabel="path that is left to the target [mm]", ylabel="force along the path, towards the target [N]")
-    axes.grid(**GRID)
-    return legend_below(figure, axes, 3)
+    return legend_below(figure)
 
 
 def fields_along(outcome: ScenarioTrials, *, drags: bool = True) -> dict[Law, PotentialField]:
@@ -323,9 +324,13 @@ def fields_along(outcome: ScenarioTrials, *, drags: bool = True) -> dict[Law, Po
 
 def force_along(field: PotentialField, points: Array) -> Array:
     """(N,) [N] the force at points (N, 2) of a path, along it."""
+    return np.asarray((field.force(points) * _tangents(points)).sum(axis=1))
+
+
+def _tangents(points: Array) -> Array:
+    """(N, 2) unit tangents of a path (N, 2)."""
     tangent = np.gradient(points, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    return np.asarray((field.force(points) * tangent).sum(axis=1))
+    return np.asarray(tangent / np.linalg.norm(tangent, axis=1, keepdims=True))
 
 
 def _places(field: PotentialField) -> tuple[Array, Array]:
@@ -355,9 +360,7 @@ def _draw_trials(axes: Axes, outcome: ScenarioTrials, law: Law) -> None:
         if len(of) >= ENOUGH:
             low, middle, high = np.percentile(of, (10, 50, 90))
             place = MM * (edges[i] + edges[i + 1]) / 2
-            axes.plot([place, place], [low, high], color=LAW_COLOURS[law], linewidth=1.0, alpha=0.7)
-            axes.plot(place, middle, marker, color=LAW_COLOURS[law], markersize=5)
-    axes.plot(
-        [], [], marker, linestyle="-", linewidth=1.0, color=LAW_COLOURS[law], markersize=5,
-        label="in the trials, with damping\n(median, 10 to 90 %)",
-    )  # fmt: skip
+            axes.plot([place, place], [low, high], color=LAW_COLOURS[law], linewidth=THIN)
+            axes.plot(place, middle, marker, color=LAW_COLOURS[law])
+    style: dict[str, Any] = {"linestyle": "-", "linewidth": THIN, "color": LAW_COLOURS[law]}
+    axes.plot([], [], marker, **style, label="in the trials, with damping (median, 10 to 90 %)")

@@ -1,4 +1,4 @@
-"""What the figures of scenarios share: how laws look, the plane with its workspaces, and means over trials."""
+"""What the figures of scenarios share: how controllers look, the plane with its workspaces, means over trials."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 
-from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE
+from rehab_opt.session.drawing import ACROSS, FORWARD, MM, OKABE_ITO, REFERENCE
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.scenario.problem import REACHES
 from rehab_opt.session.scenario.trials import Law, ScenarioTrials
@@ -22,12 +22,12 @@ __all__ = [
     "LAW_NAMES",
     "Box",
     "draw_arrows",
+    "draw_plane",
     "draw_reference",
     "draw_workspace",
-    "draw_workspaces",
+    "frame_plane",
     "grid_points",
     "mean_over_trials",
-    "seen_box",
     "seen_points",
     "shown_box",
 ]
@@ -36,19 +36,19 @@ Box = tuple[tuple[float, float], tuple[float, float]]
 
 LAW_COLOURS: Mapping[Law, str] = {
     "unassisted": "#555555",
-    "assisted": "#0072B2",
-    "published": "#D55E00",
-    "together": "#0072B2",
-    "delayed": "#8C3B78",
+    "assisted": OKABE_ITO[0],
+    "published": OKABE_ITO[1],
+    "together": OKABE_ITO[0],
+    "delayed": OKABE_ITO[3],
 }
 LAW_NAMES: Mapping[Law, str] = {
     "unassisted": "unassisted",
     "assisted": "assisted (ours)",
-    "published": "assisted (published law)",
+    "published": "published controller",
     "together": "with a helper",
-    "delayed": "with a helper, delayed",
+    "delayed": "delayed helper",
 }
-COMFORTABLE = "#009E73"
+COMFORTABLE = OKABE_ITO[2]
 REGION_STYLES: Mapping[str, Mapping[str, Any]] = {
     "reachable": {"facecolor": "#DDDDDD", "edgecolor": "#555555", "linestyle": "--"},
     "comfortable": {"facecolor": COMFORTABLE, "edgecolor": "#00573F", "linestyle": "-"},
@@ -56,13 +56,23 @@ REGION_STYLES: Mapping[str, Mapping[str, Any]] = {
 NONE = 1e-3
 """[N] less is no force and has no direction."""
 ROOM = 0.15
-"""Share of what is shown that is left free around it."""
+"""Fraction of what is drawn that is left free around it."""
 
 
-def draw_workspaces(axes: Axes, outcome: ScenarioTrials) -> None:
-    """W_r below W_c."""
-    draw_workspace(axes, outcome, "reachable", label="$W_r$, where the hand can be led")
+def draw_plane(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
+    """W_r below W_c, in the frame of `frame_plane`."""
+    frame_plane(axes, outcome, box)
+    draw_workspace(axes, outcome, "reachable", label="$W_r$, reachable with help")
     draw_workspace(axes, outcome, "comfortable", label="$W_c$, comfortable without help")
+
+
+def frame_plane(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
+    """Equal scales within the limits; the labels say in which frame."""
+    placement = outcome.comfortable.placement
+    placed = any(placement.position) or placement.turn != 0
+    axes.set(xlim=box[0], ylim=box[1], aspect="equal")
+    axes.set_xlabel("x of the robot [mm]" if placed else ACROSS)
+    axes.set_ylabel("y of the robot [mm]" if placed else FORWARD)
 
 
 def draw_workspace(
@@ -83,17 +93,19 @@ def draw_reference(axes: Axes, outcome: ScenarioTrials, path: Array | None = Non
     if outcome.mode != "hold":
         # Of a path that is gone along more than once the dashes would fill each other's gaps.
         style = "-" if outcome.mode == "follow" else "--"
-        axes.plot(points[:, 0], points[:, 1], style, color=REFERENCE, linewidth=1.2, label=label, zorder=4)
+        axes.plot(points[:, 0], points[:, 1], style, color=REFERENCE, label=label, zorder=4)
         if outcome.mode in REACHES:
-            axes.plot(
-                *points[-1], "X", color=REFERENCE, markersize=8, markeredgecolor="white", label="target", zorder=6
-            )
+            target: dict[str, Any] = {
+                "color": REFERENCE,
+                "markersize": 7,
+                "markeredgecolor": "white",
+                "label": "target",
+            }
+            axes.plot(*points[-1], "X", **target, zorder=6)
         return
-    axes.plot(
-        points[:, 0], points[:, 1], "+", color=REFERENCE, markersize=9, markeredgewidth=1.8, label=label, zorder=6
-    )
+    axes.plot(*points.T, "+", color=REFERENCE, markersize=7, markeredgewidth=1.5, label=label, zorder=6)
     for i, point in enumerate(points if path is None else ()):
-        axes.annotate(str(i + 1), point, xytext=(5, 5), textcoords="offset points", fontsize=8, zorder=6)
+        axes.annotate(str(i + 1), point, xytext=(5, 5), textcoords="offset points", zorder=6)
 
 
 def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
@@ -111,7 +123,7 @@ def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count
     size = np.linalg.norm(of, axis=2, keepdims=True)
     unit = np.where(size > NONE, of / np.maximum(size, NONE), np.nan)
     axes.quiver(
-        MM * x, MM * y, unit[..., 0], unit[..., 1], pivot="mid", scale=1.3 * count, width=0.0035, color="black",
+        MM * x, MM * y, unit[..., 0], unit[..., 1], pivot="mid", scale=1.3 * count, width=0.0035, color=REFERENCE,
         zorder=3,
     )  # fmt: skip
 
@@ -126,16 +138,6 @@ def shown_box(points: Array) -> Box:
     low, high = MM * points.min(axis=0), MM * points.max(axis=0)
     room = ROOM * max(*(high - low), 1.0)
     return (low[0] - room, high[0] + room), (low[1] - room, high[1] + room)
-
-
-def seen_box(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
-    """Equal scales within the limits; the labels say in which frame."""
-    axes.set(xlim=box[0], ylim=box[1], aspect="equal")
-    placement = outcome.comfortable.placement
-    placed = any(placement.position) or placement.turn != 0
-    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS, fontsize=8)
-    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD, fontsize=8)
-    axes.grid(**GRID)
 
 
 def mean_over_trials(trials: Sequence[Trace], values: Sequence[Array]) -> tuple[Array, Array]:

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import (
     ACROSS,
+    BROAD,
     FORWARD,
-    GRID,
+    LAW_NAMES,
     LAW_STYLES,
     MISSED,
     MM,
+    NARROW,
     REFERENCE,
+    THIN,
     framed,
     joint_figure,
     label_times,
@@ -39,13 +42,11 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures of a run by file name (without suffix)."""
     (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
     of = {law: law_columns(trace, law) for law in scene.laws}
-    joints = {
-        f"{law} law, driven": (each["drive_time_s"], each["drive_joint"], LAW_STYLES[law]) for law, each in of.items()
-    }
+    joints = {LAW_NAMES[law]: (each["drive_time_s"], each["drive_joint"], LAW_STYLES[law]) for law, each in of.items()}
     return {
         "hand_path": _hand_path(outcome, scene, of),
-        "joints": joint_figure(outcome.title, scene.arm, joints),
-        "error": _errors(outcome.title, scene, trace["t_s"], trace.get("reachable"), of),
+        "joints": joint_figure(scene.arm, joints),
+        "error": _errors(scene, trace["t_s"], trace.get("reachable"), of),
     }
 
 
@@ -53,49 +54,53 @@ def _hand_path(outcome: Outcome, scene: Any, of: dict[str, dict[str, Any]]) -> F
     (trace,) = outcome.traces.values()
     path, time, reachable, depth = MM * trace["path"], trace["t_s"], trace.get("reachable"), -trace["path"][0, 2]
     where = f"{abs(depth):g} m {'below' if depth >= 0 else 'above'} the shoulder"
-    figure = framed(f"{outcome.title}\nPath of the driven hand seen from above, in the plane {where}", 7.5, 6.5)
+    figure = framed(
+        f"Path of the driven hand with each controller, seen from above [mm], over the reference (broad line), in the "
+        f"plane {where}. n = {len(path)} samples of the path.",
+        3.4,
+        NARROW,
+    )
     axes = figure.add_subplot()
-    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=4.5, alpha=0.25, label="reference path")
-    axes.plot(*path[0, :2], "o", color=REFERENCE, markersize=6, label="start")
+    axes.plot(path[:, 0], path[:, 1], color=REFERENCE, linewidth=BROAD, alpha=0.25, label="reference")
+    axes.plot(*path[0, :2], "o", color=REFERENCE, label="start")
     if reachable is not None and not reachable.all():
         fraction = 100 * (1 - outcome.metrics["reachable_fraction_of_length"])
         label = f"out of this arm's reach ({fraction:.0f} % of the path)"
-        axes.plot(*path[~reachable, :2].T, "x", color=MISSED, markersize=5, label=label)
+        axes.plot(*path[~reachable, :2].T, "x", color=MISSED, label=label)
     for (first, last), label in labelled_gaps(scene.recording.gaps):
         bridge = path[(time >= first) & (time <= last)]
-        axes.plot(bridge[:, 0], bridge[:, 1], color=MISSED, linewidth=9, alpha=0.3, zorder=1, label=label)
+        axes.plot(bridge[:, 0], bridge[:, 1], color=MISSED, linewidth=2 * BROAD, alpha=0.3, zorder=1, label=label)
     for law, each in of.items():
         height = MM * outcome.metrics[law]["drive"]["height_off_plane_max_m"]
         off = f" (up to {height:.0f} mm off the plane)" if height >= SEEN else ""
-        axes.plot(*(MM * each["drive_hand"][:, :2]).T, **LAW_STYLES[law], label=f"hand, {law} law{off}")
+        axes.plot(*(MM * each["drive_hand"][:, :2]).T, **LAW_STYLES[law], label=f"{LAW_NAMES[law]}{off}")
     axes.set(aspect="equal", adjustable="datalim", xlabel=ACROSS, ylabel=FORWARD)
-    axes.grid(**GRID)
-    return legend_below(figure, axes, 2)
+    return legend_below(figure)
 
 
-def _errors(
-    title: str, scene: Any, time: Array, reachable: NDArray[np.bool_] | None, of: dict[str, dict[str, Any]]
-) -> Figure:
-    what = "How far a driven hand is from the path, and the handle from the vertical"
-    figure = framed(f"{title}\n{what}", 9.0, 7.0)
+def _errors(scene: Any, time: Array, reachable: NDArray[np.bool_] | None, of: dict[str, dict[str, Any]]) -> Figure:
+    limit = scene.problem.arm.handle_tilt_deg
+    figure = framed(
+        "Distance of the driven hand from the reference, tilt of the handle from the vertical (at most "
+        f"{limit:g} deg), and how much later than the recording the hand is there. n = {len(time)} samples.",
+        4.4,
+    )
     panels = distance, tilt, delay = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     for law, each in of.items():
-        distance.plot(time, MM * each["drive_position_error_m"], **LAW_STYLES[law], label=f"{law} law, driven")
+        distance.plot(time, MM * each["drive_position_error_m"], **LAW_STYLES[law], label=LAW_NAMES[law])
         tilt.plot(time, np.rad2deg(each["drive_handle_tilt_rad"]), **LAW_STYLES[law])
         delay.plot(time, each["drive_t_s"] - time, **LAW_STYLES[law])
-    limit = scene.problem.arm.handle_tilt_deg
-    tilt.axhline(limit, color=REFERENCE, linewidth=1, linestyle=":")
-    tilt.annotate(f"limit {limit:g} deg", (0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom")
+    tilt.axhline(limit, color=REFERENCE, linewidth=THIN, linestyle="--", label=f"limit of {limit:g} deg")
     if reachable is not None and not reachable.all():
         for axes in panels:
             _shade_missed(axes, time, ~reachable)
-        distance.plot([], [], color=MISSED, linewidth=8, alpha=0.3, label="path out of this arm's reach")
+        distance.plot([], [], color=MISSED, linewidth=2 * BROAD, alpha=0.3, label="path out of this arm's reach")
     mark_gaps(panels, scene.recording.gaps)
-    labels = "position error [mm]", "handle tilt [deg]", "later [s]"
+    labels = "position error [mm]", "handle tilt [deg]", "delay [s]"
     label_times(panels, *labels, time="time of the recording [s]", from_zero=True)
     distance.set_ylim(0, max(1.0, 1.08 * max(float(MM * each["drive_position_error_m"].max()) for each in of.values())))
     tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
-    return legend_below(figure, distance, 3)
+    return legend_below(figure)
 
 
 def _shade_missed(axes: Axes, time: Array, missed: NDArray[np.bool_]) -> None:

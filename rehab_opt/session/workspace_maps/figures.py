@@ -14,10 +14,10 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.transforms import Bbox
 
 from rehab_opt.session.arm_keys import ArmInPlane
-from rehab_opt.session.drawing import MM, REFERENCE, framed, legend_below
+from rehab_opt.session.drawing import MM, OKABE_ITO, REFERENCE, THIN, framed, legend_below
 from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.workspace_maps.made import Direction, MadeMap
-from rehab_opt.session.workspaces.figures import draw_region, is_placed, region_path, seen_from_above
+from rehab_opt.session.workspaces.figures import draw_region, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
 __all__ = ["figures"]
@@ -27,12 +27,12 @@ GRID_LINES = 16
 ALONG_A_LINE = 60
 ALONG_AN_OUTLINE = 600
 PIXELS = 260
-FOLDED, OUTSIDE = "#D55E00", "#CC79A7"
+FOLDED, OUTSIDE = OKABE_ITO[1], OKABE_ITO[3]
 PATH_STYLES: Sequence[Mapping[str, Any]] = (
-    {"color": "#0072B2", "linestyle": "-"},
-    {"color": "#D55E00", "linestyle": "--"},
-    {"color": "#009E73", "linestyle": "-."},
-    {"color": "#000000", "linestyle": ":"},
+    {"color": OKABE_ITO[0], "linestyle": "-"},
+    {"color": OKABE_ITO[1], "linestyle": "--"},
+    {"color": OKABE_ITO[2], "linestyle": "-."},
+    {"color": REFERENCE, "linestyle": ":"},
 )
 OUTLINE: Mapping[str, Any] = {"facecolor": "#DDDDDD", "edgecolor": "#333333", "linestyle": "-"}
 DENSITY = (0.1, 10.0)
@@ -43,24 +43,25 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     drawn, (scene,), (trace,) = {}, outcome.scenes.values(), outcome.traces.values()
     for direction in scene.directions(trace):
-        drawn[f"map_{direction.key}"] = _before_and_after(outcome.title, direction)
-        drawn[f"folds_{direction.key}"] = _folds(outcome.title, direction)
+        drawn[f"map_{direction.key}"] = _before_and_after(direction)
+        drawn[f"folds_{direction.key}"] = _folds(direction)
     return drawn
 
 
-def _before_and_after(headline: str, direction: Direction) -> Figure:
+def _before_and_after(direction: Direction) -> Figure:
     """Each panel as large as it can be; below, the same panels on one scale."""
     names = f"{direction.start.name} to {direction.end.name}"
     what = "Grid and trajectories before and after" if direction.before else "Grid before and after"
-    title = f"{headline}\n{what}, from {names}; below all on one scale"
-    figure = framed(title, 5.2 * (1 + len(direction.maps)), 9.6)
+    figure = framed(f"{what} the map from {names} [mm]; above each panel on its own scale, below all on one.", 4.6)
     large, alike = figure.subplots(2, 1 + len(direction.maps), height_ratios=(4, 3))
     _draw_panels(large, direction)
     _draw_panels(alike, direction)
+    for axes in alike:
+        axes.set_title("")
     seen = Bbox.union([axes.dataLim for axes in alike]).expanded(1.06, 1.06)
     for axes in alike:
         axes.set(xlim=seen.intervalx, ylim=seen.intervaly, adjustable="box")
-    return legend_below(figure, large[0], 4)
+    return legend_below(figure)
 
 
 def _draw_panels(panels: Sequence[Axes], direction: Direction) -> None:
@@ -69,8 +70,8 @@ def _draw_panels(panels: Sequence[Axes], direction: Direction) -> None:
     start, end = direction.start_space, direction.end_space
     draw_region(first, start, OUTLINE, label="workspace")
     for k, line in enumerate(_grid(start)):
-        first.plot(*(MM * line.T), color="#777777", linewidth=0.6, label="grid" if k == 0 else None)
-    first.plot([], [], color=REFERENCE, linewidth=1.0, linestyle=":", label="edge of the workspace, mapped")
+        first.plot(*(MM * line.T), color="#777777", linewidth=THIN, label="grid" if k == 0 else None)
+    first.plot([], [], color=REFERENCE, linewidth=THIN, linestyle=":", label="edge of the workspace, mapped")
     for k, (name, path) in enumerate(direction.before.items()):
         _draw_path(first, path, k, name)
     _finish(first, f"before: {direction.start.name}", direction.start.section)
@@ -80,9 +81,9 @@ def _draw_panels(panels: Sequence[Axes], direction: Direction) -> None:
             axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
         else:
             for ring in _outline(start):
-                axes.plot(*(MM * made.mapped.spline(ring).T), color=REFERENCE, linewidth=1.0, linestyle=":")
+                axes.plot(*(MM * made.mapped.spline(ring).T), color=REFERENCE, linewidth=THIN, linestyle=":")
             for line in _grid(start):
-                axes.plot(*(MM * made.mapped.spline(line).T), color="#777777", linewidth=0.6)
+                axes.plot(*(MM * made.mapped.spline(line).T), color="#777777", linewidth=THIN)
             for k, (name, path) in enumerate(direction.after[made.rule].items()):
                 _draw_path(axes, path, k, name)
         _finish(axes, f"after, {made.rule} rule: {direction.end.name}\n{_verdict(made)}", direction.end.section)
@@ -92,22 +93,19 @@ def _verdict(made: MadeMap) -> str:
     if made.audit is None:
         return "no map by this rule"
     folded, outside = 100 * made.audit.folded, 100 * made.audit.outside
-    said = f"folded {folded:.3g} %, outside {outside:.3g} %"
-    return f"{said}: {'passes its audit' if made.audit.passed else 'NOT for a controller'}"
+    size = f"folded {folded:.3g} %, outside {outside:.3g} %"
+    return f"{size}\n{'passes its audit' if made.audit.passed else 'NOT for a controller'}"
 
 
 def _draw_path(axes: Axes, points: Array, index: int, name: str) -> None:
     style = PATH_STYLES[index % len(PATH_STYLES)]
-    axes.plot(*(MM * points.T), **style, linewidth=2.0, label=name)
-    axes.plot(*(MM * points[0]), "o", color=style["color"], markersize=5)
+    axes.plot(*(MM * points.T), **style, label=name)
+    axes.plot(*(MM * points[0]), "o", color=style["color"])
 
 
 def _finish(axes: Axes, title: str, section: ArmInPlane) -> None:
-    axes.set_title(title, fontsize=10)
+    axes.set_title(title)
     seen_from_above(axes, section)
-    axes.set_axisbelow(True)
-    if not is_placed(section):
-        axes.set_xlabel("left (negative) or right of the shoulder [mm]")  # panels are narrow
 
 
 def _grid(workspace: Workspace) -> Iterator[Array]:
@@ -129,12 +127,12 @@ def _outline(workspace: Workspace) -> Iterator[Array]:
         yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
 
 
-def _folds(headline: str, direction: Direction) -> Figure:
+def _folds(direction: Direction) -> Figure:
     names = f"{direction.start.name} to {direction.end.name}"
     figure = framed(
-        f"{headline}\nHow much each place of {direction.start.name} is enlarged, from {names}",
-        6.2 * len(direction.maps) + 1.0,
-        6.0,
+        f"Local enlargement of area by the map from {names}, in units of the whole sets' ratio, over "
+        f"{direction.start.name} [mm]; and where the map folds or leaves {direction.end.name}.",
+        3.2,
     )
     start, end = direction.start_space, direction.end_space
     panels = figure.subplots(1, len(direction.maps), squeeze=False)[0]
@@ -144,19 +142,19 @@ def _folds(headline: str, direction: Direction) -> Figure:
             shown = _draw_folds(axes, made, start, end)
         else:
             axes.annotate("no map", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        axes.add_patch(PathPatch(region_path(start), fill=False, edgecolor=REFERENCE, linewidth=1.4))
-        _finish(axes, f"{made.rule} rule: {_verdict(made)}", direction.start.section)
+        axes.add_patch(PathPatch(region_path(start), fill=False, edgecolor=REFERENCE))
+        _finish(axes, f"{made.rule} rule\n{_verdict(made)}", direction.start.section)
     if shown is not None:
         bar = figure.colorbar(
             shown, ax=list(panels), shrink=0.8, extend="both", ticks=[0.1, 0.3, 1, 3, 10], format="%g"
         )
         bar.minorticks_off()
-        bar.set_label("local enlargement of area (1: as the whole set's)")
+        bar.set_label("local enlargement of area\n(1: as the whole set's)")
     marks = [
         Patch(facecolor=FOLDED, edgecolor="none", label="folded: movements are reversed there"),
         Patch(facecolor="none", edgecolor=OUTSIDE, hatch="////", label=f"mapped outside {direction.end.name}"),
     ]
-    return legend_below(figure, marks, 2)
+    return legend_below(figure, marks)
 
 
 def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> Any:

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
 from rehab_opt.session.arm_keys import ArmInPlane
-from rehab_opt.session.drawing import ACROSS, FORWARD, GRID, MM, REFERENCE, framed, legend_below
+from rehab_opt.session.drawing import ACROSS, FORWARD, MM, NARROW, REFERENCE, framed, legend_below
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.workspaces.reached import handle_words, plane_words, rings, sets_of
 from rehab_opt.workspace.region import Workspace
@@ -56,7 +56,7 @@ ARROW = 60  # [mm]
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
     """A workspace as a translucent area; an empty one leaves its label in the legend alone."""
     filled = {**style, "facecolor": to_rgba(style["facecolor"], 0.45)}
-    axes.add_patch(PathPatch(region_path(workspace), linewidth=1.6, label=label or None, **filled))
+    axes.add_patch(PathPatch(region_path(workspace), label=label or None, **filled))
 
 
 def region_path(workspace: Workspace) -> Path:
@@ -76,17 +76,16 @@ def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
     ahead = (x - ARROW * math.sin(turn), y + ARROW * math.cos(turn))
     # Axes make no room for an annotation; where every set is empty the frame would be a tenth of a millimetre wide.
     axes.update_datalim([(x - ARROW, y - ARROW), (x + ARROW, y + ARROW)])
-    axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.5})
-    axes.plot(x, y, "o", color=REFERENCE, markersize=8, label=f"{section.side} shoulder; the arrow points forwards")
+    axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.2})
+    axes.plot(x, y, "o", color=REFERENCE, label=f"{section.side} shoulder, arrow: forward")
 
 
 def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
     """Equal scales in millimetres, labelled in the shoulder's frame or, where that is turned or moved, the robot's."""
     placed = is_placed(section)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x in the robot's frame [mm]" if placed else ACROSS)
-    axes.set_ylabel("y in the robot's frame [mm]" if placed else FORWARD)
-    axes.grid(**GRID)
+    axes.set_xlabel("x of the robot [mm]" if placed else ACROSS)
+    axes.set_ylabel("y of the robot [mm]" if placed else FORWARD)
     axes.autoscale_view()
 
 
@@ -97,39 +96,42 @@ def is_placed(section: ArmInPlane) -> bool:
 
 def region_label(name: str, workspace: Workspace) -> str:
     """Name and area for a legend, or why the set is empty."""
-    said = f"{name}: empty, {workspace.reason}" if workspace.empty else f"{name}: {1e4 * workspace.area:.4g} cm$^2$"
-    return "\n".join(textwrap.wrap(said.replace("_", " "), WRAPPED))
+    area = np.format_float_positional(1e4 * workspace.area, precision=3, fractional=False, trim="-")
+    size = f"empty, {workspace.reason}" if workspace.empty else f"{area} cm$^2$"
+    return "\n".join(textwrap.wrap(f"{name}: {size}".replace("_", " "), WRAPPED))
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures by file name (without suffix)."""
     (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
-    drawn = {"workspace": _slices(outcome.title, scene.problem.arm, sets_of(trace))}
+    drawn = {"workspace": _slices(scene.problem.arm, sets_of(trace))}
     if scene.held:
         names, sets = trace["_range"].tolist(), [of.tolist() for of in trace["_volume"].T]
-        drawn["volume"] = _volumes(outcome.title, scene.problem.arm, names, dict(zip(scene.held, sets, strict=True)))
+        drawn["volume"] = _volumes(scene.problem.arm, names, dict(zip(scene.held, sets, strict=True)))
     return drawn
 
 
-def _slices(title: str, section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
-    where = f"Reachable workspace seen from above, in the plane {plane_words(section)};"
-    figure = framed(f"{title}\n{where}\n{handle_words(section)}", 8.0, 7.5)
+def _slices(section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
+    figure = framed(
+        f"Reachable workspace seen from above [mm], in the plane {plane_words(section)}; {handle_words(section)}. "
+        f"n = {len(sets)} ranges of motion.",
+        3.3,
+        NARROW,
+    )
     axes = figure.add_subplot()
     styles = dict(zip(sets, cycle(SET_STYLES), strict=False))
     for name, workspace in sorted(sets.items(), key=lambda of: -of[1].area):  # the largest below the others
         draw_region(axes, workspace, styles[name], label=region_label(name, workspace))
     draw_shoulder(axes, section)
     seen_from_above(axes, section)
-    return legend_below(figure, axes, 1 if any(of.empty for of in sets.values()) else 2)
+    return legend_below(figure)
 
 
-def _volumes(
-    title: str, section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]
-) -> Figure:
+def _volumes(section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]) -> Figure:
     """A view for each way of holding the handle; `volumes` are those of the named sets by whether it is held."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]  # noqa: PLC0415  (slow to import, rarely drawn)
 
-    figure = framed(f"{title}\nReachable volume", 6.0 * len(volumes) + 1, 6.5)
+    figure = framed(f"Reachable volume [mm]. n = {len(names)} ranges of motion.", 3.6)
     colours = [SET_STYLES[i % len(SET_STYLES)]["facecolor"] for i in range(len(names))]
     views = figure.subplots(1, len(volumes), subplot_kw={"projection": "3d"}, squeeze=False)[0]
     for axes, (held, of) in zip(views, volumes.items(), strict=True):
@@ -140,7 +142,7 @@ def _volumes(
                 alpha = 0.25 if i == 0 else 0.6
                 faces = corners[-1][volume.triangles]
                 axes.add_collection3d(Poly3DCollection(faces, alpha=alpha, shade=True, facecolors=colour))
-        axes.scatter(*corners[0].T, color="black", s=40)
+        axes.scatter(*corners[0].T, color=REFERENCE, s=12)
         around = np.concatenate(corners)
         low, high = around.min(axis=0), around.max(axis=0)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
@@ -152,11 +154,11 @@ def _volumes(
         labels = [f"{axis} of the robot [mm]" for axis in "xyz"] if is_placed(section) else own
         axes.set(xlabel=labels[0], ylabel=labels[1])
         axes.set_zlabel(labels[2], labelpad=20)
-        axes.set_title(handle_words(section) if held else "the handle free", fontsize=10)
-    said = zip(*([_size(volume, held) for volume in of] for held, of in volumes.items()), strict=True)
-    labels = [f"{name} ({'; '.join(sizes)})" for name, sizes in zip(names, said, strict=True)]
+        axes.set_title(handle_words(section) if held else "the handle free")
+    sizes = zip(*([_size(volume, held) for volume in of] for held, of in volumes.items()), strict=True)
+    labels = [f"{name} ({'; '.join(said)})" for name, said in zip(names, sizes, strict=True)]
     patches = [Patch(facecolor=colour, label=label) for colour, label in zip(colours, labels, strict=True)]
-    return legend_below(figure, patches, 2)
+    return legend_below(figure, patches)
 
 
 def _size(volume: ReachableVolume, held: bool) -> str:
