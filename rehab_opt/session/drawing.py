@@ -124,7 +124,7 @@ def legend_below(figure: Figure, handles: Sequence[Artist] = ()) -> Figure:
 
 
 def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", from_zero: bool = False) -> None:
-    """Panels one above the other along one time: a label for each, what they share, and zero as their lower end."""
+    """Panels above each other with a common time axis: one time label, shared limits, and zero as their lower end."""
     for panel, label in zip(panels, labels, strict=True):
         panel.set_ylabel(label)
         if from_zero:
@@ -165,11 +165,11 @@ class Panel(NamedTuple):
     """One quantity of a trace over time."""
 
     label: str
-    """With its unit."""
+    """Label with its unit."""
     of: Callable[[Trace], Array]
     """(N,) in the label's unit"""
     limit: float = math.nan
-    """A dotted line."""
+    """Value of a dotted line."""
     low: float = 0.0
     high: float | None = None
 
@@ -183,7 +183,7 @@ def figure_over_time(
     event: str = "",
     gaps: Gaps = (),
 ) -> Figure:
-    """A row for each panel, a column for each group of traces, a line for each controller of a group.
+    """One row for each panel, one column for each group of traces, one line for each controller of a group.
 
     `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched. A scale is
     logarithmic above a limit that is far exceeded.
@@ -230,7 +230,7 @@ def _scale(row: Iterable[Axes], panel: Panel) -> None:
 
 
 def labelled_gaps(gaps: Gaps) -> Iterator[tuple[tuple[float, float], str]]:
-    """Gaps (from, to) [s] of a recording, the first with a label for all."""
+    """Gaps (from, to) [s] of a recording; only the first has a label, for all."""
     label = f"no samples: {sum(b - a for a, b in gaps):.2g} s, bridged"
     yield from ((gap, "_" if number else label) for number, gap in enumerate(gaps))
 
@@ -243,7 +243,7 @@ def mark_gaps(panels: Sequence[Axes], gaps: Gaps) -> None:
 
 
 def columns_figure(columns: Mapping[str, Any]) -> dict[str, Figure]:
-    """Every column of numbers over `t_s`, a panel for each unit; none where there is no time."""
+    """Every numeric column over `t_s`, one panel for each unit; no figure without times."""
     units: dict[str, list[str]] = {}
     for name, cells in columns.items():
         if name != "t_s" and np.asarray(cells).dtype.kind in "fi":
@@ -261,7 +261,7 @@ def columns_figure(columns: Mapping[str, Any]) -> dict[str, Figure]:
 
 
 def path_figure(reference: Array, paths: Mapping[str, Array]) -> Figure:
-    """Paths (N, 3) [m] by controller from above, from the side and from behind, beside their reference (N, 3) [m]."""
+    """Paths (N, 3) [m] by controller from above, from the side and from behind, with their reference (N, 3) [m]."""
     caption = "Path of the tool [mm] seen from above, from the side and from behind, over its reference (broad line);"
     figure = framed(f"{caption} n = {len(reference)} ticks.", 2.6)
     panels = figure.subplots(1, 3)
@@ -276,7 +276,7 @@ def path_figure(reference: Array, paths: Mapping[str, Array]) -> Figure:
 
 
 def joint_figure(chain: SerialChain, joints: Mapping[str, tuple[Array, Array, Mapping[str, Any]]]) -> Figure:
-    """A panel for each joint; `joints` holds times (N,) [s], values (N, n) [rad] and their style by label."""
+    """One panel for each joint; `joints` holds times (N,) [s], values (N, n) [rad] and their style by label."""
     rows, count = math.ceil(chain.n / 2), max(len(times) for times, _, _ in joints.values())
     figure = framed(
         "Angles of the joints [deg] over time. Each panel is headed by the joint's range; grey: outside it, where that "
@@ -312,9 +312,9 @@ def _range(chain: SerialChain, joint: int) -> str:
 
 
 def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
-    """Grey where the joint may not be, and whether that is in the panel.
+    """Shade the range outside the joint's limits; returns whether it is visible in the panel.
 
-    Limits beyond half a turn are left out, so that the motion can be seen.
+    Limits beyond half a turn are left out, so that the motion stays visible.
     """
     lower, upper = np.rad2deg(chain.lower[joint]), np.rad2deg(chain.upper[joint])
     low, high = axes.dataLim.intervaly
@@ -330,11 +330,11 @@ def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
 
 TRUE, COMMANDED = OKABE_ITO[0], OKABE_ITO[4]
 CLOSE_UP = 0.5
-"""[s] shown around the fastest change, where delay and servo can be seen."""
+"""[s] Time span around the fastest change, in which delay and servo are visible."""
 
 
 def servo_figure(names: Sequence[str], trace: Trace, speeds: Array, *, of: str = "", lengths: int = 0) -> Figure:
-    """Two panels a joint: the whole run, and half a second about its hardest acceleration.
+    """Two panels for each joint: the whole run, and half a second around its largest acceleration.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def servo_figure(names: Sequence[str], trace: Trace, speeds: Array, *, of: str =
 
 
 def _moment(trace: Trace, lengths: int) -> float:
-    """[s] of the largest change of a true speed, as a fraction of the fastest joint's of its kind."""
+    """[s] Time of the largest change of a true speed, relative to the fastest joint of its kind."""
     time, velocity = trace["t_s"], trace["velocity"]
     if len(time) < 3:
         return float(time[0])
@@ -380,7 +380,7 @@ def _moment(trace: Trace, lengths: int) -> float:
 
 
 ROOM = 0.97
-"""Fraction of the figure's width, or of a panel's, that a text may fill."""
+"""Largest fraction of the width of a figure or panel for a text."""
 LINE = 1.3 * STYLE["font.size"] / 72
 """[inches] Height of a line of text."""
 FEWEST_LETTERS = 8
@@ -389,8 +389,8 @@ FEWEST_LETTERS = 8
 def fitted(figure: Figure) -> Figure:
     """The figure itself, its headings broken into lines and its legends into columns that it has room for.
 
-    What is added in height is added to the figure, so that panels keep their size. A dollar that begins no formula is
-    a dollar.
+    The figure grows by the added height, so that panels keep their size. A dollar sign that starts no formula stays a
+    dollar sign.
     """
     from matplotlib.text import Text  # noqa: PLC0415
 
@@ -410,7 +410,7 @@ def fitted(figure: Figure) -> Figure:
 
 
 def _wrap(figure: Figure, text: Text, width: float) -> int:
-    """Break the lines of a text that are wider than `width` [pixel]; how many lines that added."""
+    """Break lines of a text that are wider than `width` [pixel]; returns the number of added lines."""
     before = text.get_text()
     after = "\n".join(part for line in before.split("\n") for part in _parts(figure, text, line, ROOM * width))
     text.set_text(after)
@@ -426,7 +426,7 @@ def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
 
 
 def _fit_legend(figure: Figure, legend: Legend) -> None:
-    """The figure's legend anew, with fewer columns and then shorter lines, if it is wider than the figure."""
+    """Draw the figure's legend again with fewer columns, then shorter lines, if it is wider than the figure."""
     labels, room = [text.get_text() for text in legend.get_texts()], ROOM * figure.bbox.width
     handles, before = legend.legend_handles, _height(legend)
     for columns in sorted({math.ceil(len(labels) / rows) for rows in range(2, len(labels) + 1)}, reverse=True):

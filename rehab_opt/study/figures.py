@@ -1,4 +1,4 @@
-"""Figures of a report, as PNG within the page: no text of a study is read as anything but text."""
+"""Figures of a report, as PNG in the page: texts of a study are drawn as plain text only."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COLOURS = OKABE_ITO
 FIRST, LAST = COLOURS[1], COLOURS[0]
 LONGEST_LABEL, MOST_LABELS = 14, 8
 LARGEST = 1e30
-"""Beyond, matplotlib draws nothing; no measure is as large."""
+"""Larger values are not drawn by matplotlib; no measure is as large."""
 
 
 @styled()
@@ -31,7 +31,7 @@ def progress_figure(
     means: Mapping[str, Mapping[float, Interval]],
     labels: Mapping[float, str],
 ) -> str:
-    """Of each condition points (y by x) and means with their 95 % intervals over x, whose `labels` stand below."""
+    """For each condition points (y over x) and means with 95 % intervals, with `labels` below the x axis."""
     figure = framed("", 2.1, NARROW)
     axes = figure.subplots()
     step = (max(labels) - min(labels)) / 40 or 0.05
@@ -56,7 +56,7 @@ def progress_figure(
 
 @styled()
 def outline_figure(shapes: Sequence[tuple[Sequence[Sequence[float]], str, float]]) -> str:
-    """Closed outlines [m], their colours and how strong their lines are, under one scale; later ones on top."""
+    """Closed outlines [m] with their colours and line strengths, on one scale; later ones on top."""
     figure = framed("", 3.0, NARROW)
     axes = figure.subplots()
     for corners, colour, strength in shapes:

@@ -1,4 +1,4 @@
-"""Chair and arm under one stick: figures from above, of the hand and of the limits used."""
+"""Figures of chair and arm with one stick: from above, the hand, and the used fraction of the limits."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ __all__ = ["figures"]
 
 OBSTACLE, ARM = "#BBBBBB", OKABE_ITO[5]
 INSTANTS = 4
-"""Chairs that are drawn, from the first to the last."""
+"""Number of drawn chairs, from the first to the last."""
 SEEN = 100
-"""Postures of the arm that the panels have room for, evenly over the run."""
+"""Number of drawn postures of the arm, evenly over the run."""
 EDGE = 0.35
-"""[m] drawn around what moves."""
+"""[m] Space around everything that moves."""
 ABOVE = 0.03
-"""[m] Goals nearer than this, seen from above, share a label: two would lie on each other."""
+"""[m] Goals closer than this, seen from above, share a label, since two labels would overlap."""
 
 
 def figures(scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) -> dict[str, Figure]:
-    """Figures by file name, of the scenes and traces by drive and controller."""
+    """Figures by file name; scenes and traces are by drive and controller."""
     scene, drives = next(iter(scenes.values())), list(dict.fromkeys(drive for drive, _ in traces))
     ours = {drive: traces[drive, "optimised"] for drive in drives}
     groups = {f"{drive} drive": {law: traces[drive, law] for law in ("optimised", "published")} for drive in drives}
@@ -183,7 +183,7 @@ def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection
 
 
 def _goal_labels(places: list[tuple[float, float]]) -> list[tuple[str, tuple[float, float]]]:
-    """Numbers of the goals, those above each other together: "1, 3"."""
+    """Numbers of the goals, with one label for goals above each other: "1, 3"."""
     labels: list[tuple[str, tuple[float, float]]] = []
     for i, place in enumerate(places, start=1):
         same = next((k for k, (_, there) in enumerate(labels) if np.hypot(*np.subtract(there, place)) < ABOVE), None)

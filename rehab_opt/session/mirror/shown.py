@@ -69,7 +69,7 @@ def figures(outcome: MirrorRuns) -> dict[str, Figure]:
 
 
 def _manipulability(outcome: MirrorRuns) -> Figure:
-    """Against the reference's own time, so that the same moments of the motion stand above each other."""
+    """Manipulability over the reference's own time, so that equal moments of the motion are above each other."""
     figure = framed(
         "Manipulability as a fraction of the robot's largest, over the reference's own time, with the floor of "
         f"{outcome.floor:g} and without. n = {_n(outcome)} samples.",
@@ -153,7 +153,7 @@ def _pace(outcome: MirrorRuns) -> Figure:
 
 
 def _causes(outcome: MirrorRuns) -> Figure:
-    """A strip of time for each drive, and the seconds of each cause."""
+    """A strip of time for each drive, and the duration of each cause."""
     figure = framed(
         "What kept the hand from its reference: as a strip of time for each controller, and the seconds of each cause. "
         f"n = {_n(outcome)} samples.",
@@ -185,7 +185,7 @@ def _causes(outcome: MirrorRuns) -> Figure:
 
 
 def _events(axes: Axes, outcome: MirrorRuns) -> None:
-    """When the drive came to where each thing happened, a row for each law and thing that did."""
+    """Times of events in the drive, one row for each controller and kind of event."""
     rows = []
     for name in (STEP, PLAN):
         led, drive = outcome.laws[name], outcome.drives[name]
@@ -206,7 +206,7 @@ def _events(axes: Axes, outcome: MirrorRuns) -> None:
 
 
 def _space(outcome: MirrorRuns) -> Figure:
-    """In the robot's frame; the robot stands as at the motion's end."""
+    """The motion in the robot's frame; the robot is drawn in its last posture."""
     figure = framed(
         "The healthy hand, its mirror image and the hand that is led, in the robot's frame [mm]; the robot at the end. "
         f"n = {_n(outcome)} samples.",
@@ -244,7 +244,7 @@ def _space(outcome: MirrorRuns) -> Figure:
 
 
 def _draw_mirror(axes: Any, outcome: MirrorRuns, low: Array, high: Array) -> None:
-    """The part of the sagittal plane, which is upright, over the extent of everything else."""
+    """The part of the (vertical) sagittal plane within the extent of everything else."""
     normal = np.array(outcome.mirror.normal) / np.linalg.norm(outcome.mirror.normal)
     along, point = np.array([-normal[1], normal[0], 0.0]), MM * np.array(outcome.mirror.point)
     corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])

@@ -1,4 +1,4 @@
-"""The force field drawn: gated as the mode says (Figs. 6 and 9), with its numbers changed (Fig. 4), along the path."""
+"""Figures of the force field: gated by the mode (Figs. 6 and 9), with other parameters (Fig. 4), and along the path."""
 
 from __future__ import annotations
 
@@ -61,17 +61,19 @@ DARKEST = 0.75
 
 
 def force_colours() -> Colormap:
-    """One hue from white on, so that it is read the same with every kind of colour vision, and in print."""
+    """A colour map with one hue, starting at white, which reads the same with every kind of colour vision and in
+    print.
+    """
     whole = colormaps["Blues"]
     return ListedColormap([whole(DARKEST * i / 255) for i in range(256)])
 
 
 FINE, COARSE = 161, 21
-"""Points of the grid across the picture: of colours, of arrows."""
+"""Grid points across the picture, for colours and for arrows."""
 
 
 def field_figure(outcome: ScenarioTrials) -> Figure:
-    """Colours say how large the desired force is, arrows its direction, for a hand at rest."""
+    """Magnitude (colour) and direction (arrows) of the desired force on a hand at rest."""
     mapped = outcome.demonstrated is not None
     acts = "zero within $W_c$" if outcome.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
     nearest = "It is the spring to the path's nearest point; a run pulls to the point of its progress. "
@@ -101,9 +103,9 @@ def field_figure(outcome: ScenarioTrials) -> Figure:
 
 
 def gated_forces(outcome: ScenarioTrials, points: Array) -> Array:
-    """(N, 2) [N] the desired force for a hand at rest at points (N, 2) [m], where the mode lets it act.
+    """(N, 2) [N] desired force on a hand at rest at points (N, 2) [m], with the mode's gate.
 
-    NaN beyond W_r, where no hand comes, and outside W_c in "follow" and "hold", where there is only a pull back.
+    NaN beyond W_r, where no hand can be, and outside W_c in "follow" and "hold", where only the pull back acts.
     """
     forces, inside = _forces(outcome, points), np.asarray(outcome.comfortable.contains(points))
     if outcome.mode not in THERAPY:
@@ -119,7 +121,7 @@ def _gate(outcome: ScenarioTrials, points: Array) -> Array:
 
 
 def _forces(outcome: ScenarioTrials, points: Array) -> Array:
-    """(N, 2) [N] of the spring to the path, or of the field whose end is nearest; everywhere."""
+    """(N, 2) [N] force of the spring to the path, or of the field with the nearest target, without a gate."""
     fields = outcome.fields
     if outcome.spring is not None:
         path = shapely.LineString(fields[0].paths[0].points)
@@ -135,7 +137,7 @@ def _forces(outcome: ScenarioTrials, points: Array) -> Array:
 
 
 def _draw_sizes(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
-    """Colours, cut exactly where the force ends: along the edge of W_r, or of W_c."""
+    """Draw the colours, clipped exactly at the edge of W_r or W_c."""
     x, y, points = grid_points(box, FINE)
     therapy, most = outcome.mode in THERAPY, outcome.force_limit
     size = np.minimum(np.linalg.norm(_forces(outcome, points), axis=1), most)
@@ -152,7 +154,7 @@ def _draw_sizes(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
 
 
 def _corners(outcome: ScenarioTrials, *, everything: bool) -> Array:
-    """Points (N, 2) [m] that are to be seen."""
+    """Points (N, 2) [m] that must be visible."""
     spaces = (outcome.comfortable, outcome.reachable) if everything else (outcome.comfortable,)
     corners = [shapely.get_coordinates(space.polygon) for space in spaces]
     return np.vstack([outcome.reference, *corners])
@@ -160,13 +162,13 @@ def _corners(outcome: ScenarioTrials, *, everything: bool) -> Array:
 
 LED, RECORDED, LEARNT = OKABE_ITO[5], OKABE_ITO[4], OKABE_ITO[0]
 ARROWS = 12
-"""Along one movement."""
+"""Number of arrows along a movement."""
 LONGEST = 0.7
-"""[inches] An arrow of the largest force, however narrow the plane is drawn."""
+"""[inches] Length of the arrow of the largest force, for any width of the plane."""
 
 
 def learnt_figure(outcome: ScenarioTrials) -> Figure:
-    """Left the plane; right the forces over time, of the first movement held out, or the last where none was."""
+    """Left the plane; right the forces over time of the first held-out movement, or else of the last one."""
     fit = outcome.fields[0].fit
     assert fit is not None
     number, kept = (fit.held_out[0], "held out") if fit.held_out else (len(outcome.shown) - 1, "learnt from")
@@ -264,7 +266,7 @@ def parameter_figure(outcome: ScenarioTrials) -> Figure:
 
 
 PLACES = 400
-"""Along the path."""
+"""Number of points along the path."""
 BINS = 16
 CURVES: Mapping[Law, tuple[str, str]] = {
     "assisted": ("ours ($k_1$ and travelled length)", "-"),
@@ -272,11 +274,11 @@ CURVES: Mapping[Law, tuple[str, str]] = {
 }
 MARKERS: Mapping[Law, str] = {"assisted": "o", "published": "s"}
 ENOUGH = 20
-"""Ticks that a bin needs."""
+"""Least number of ticks in a bin."""
 
 
 def along_figure(outcome: ScenarioTrials) -> Figure:
-    """Below zero the force is against the motion; the target is at the right."""
+    """Force along the path, negative against the motion; the target is at the right."""
     field = outcome.fields[0]
     figure = framed(
         "Force along the path towards the target; below 0 it resists. Lines: the fields at rest, and what of them is "
@@ -309,9 +311,10 @@ def along_figure(outcome: ScenarioTrials) -> Figure:
 
 
 def fields_along(outcome: ScenarioTrials, *, drags: bool = True) -> dict[Law, PotentialField]:
-    """Our field, and the published one of the same |k1|, S and sigma: of the remaining length, with no rest on its end.
+    """Our field, and the published one with the same |k1|, S and sigma, with the remaining length and without
+    continuation.
 
-    With drags=False the same without k1: the difference is what Eq. (21) gives.
+    With drags=False both without k1: the difference is due to Eq. (21).
     """
     ours = outcome.fields[0]
     path, size = ours.paths[0].points, abs(ours.drag) if drags else 0.0
@@ -323,7 +326,7 @@ def fields_along(outcome: ScenarioTrials, *, drags: bool = True) -> dict[Law, Po
 
 
 def force_along(field: PotentialField, points: Array) -> Array:
-    """(N,) [N] the force at points (N, 2) of a path, along it."""
+    """(N,) [N] component of the force along the path at its points (N, 2)."""
     return np.asarray((field.force(points) * _tangents(points)).sum(axis=1))
 
 
@@ -334,7 +337,7 @@ def _tangents(points: Array) -> Array:
 
 
 def _places(field: PotentialField) -> tuple[Array, Array]:
-    """Points (N, 2) along the path and what is left of it (N,) [m]."""
+    """Points (N, 2) along the path, and the remaining path length (N,) [m]."""
     path = field.paths[0]
     travelled = np.linspace(0.0, path.travelled[-1], PLACES)
     points = np.column_stack([np.interp(travelled, path.travelled, path.points[:, axis]) for axis in (0, 1)])
@@ -342,7 +345,7 @@ def _places(field: PotentialField) -> tuple[Array, Array]:
 
 
 def _draw_trials(axes: Axes, outcome: ScenarioTrials, law: Law) -> None:
-    """The commanded force of all trials outside W_c: its median by what is left of the path."""
+    """Draw the median commanded force of all trials outside W_c over the remaining path length."""
     marker = MARKERS[law]
     left, along = [], []
     for trial in outcome.trials[law]:

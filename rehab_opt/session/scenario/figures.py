@@ -47,7 +47,7 @@ __all__ = ["deviation_figure", "figures", "max_between", "trials_figure"]
 def figures(outcome: ScenarioTrials) -> dict[str, Figure]:
     """The figures by file name (without suffix).
 
-    "parameters" is left out for "hold": around a single point the field is a spring, whatever sigma and k1.
+    "parameters" is left out for "hold": around a single point the field is a spring for any sigma and k1.
     """
     drawn = {
         "field": field_figure(outcome),
@@ -145,7 +145,7 @@ def pairs_of(outcome: ScenarioTrials) -> dict[Law, Trace]:
 
 
 def together_figure(outcome: ScenarioTrials) -> Figure:
-    """A column for each controller with a helper, of its first trial."""
+    """One column for each controller with a helper, for its first trial."""
     pairs = pairs_of(outcome)
     figure = framed(
         "The first trial of helper and participant: hands of both in their own workspaces [mm], with what the helper "
@@ -184,7 +184,7 @@ FORCE_LIMIT: Mapping[str, Any] = {"color": REFERENCE, "linewidth": THIN, "linest
 
 
 def _over_time(axes: Axes, trial: Trace, columns: tuple[str, str]) -> None:
-    """Sizes of vectors (N, 2), or values (N,): the helper's and the participant's."""
+    """Draw the magnitudes of vectors (N, 2), or values (N,), of helper and participant."""
     for name, (who, colour) in zip(columns, PEOPLE.items(), strict=True):
         of = trial[name][trial.rows]
         size = of if of.ndim == 1 else np.linalg.norm(of, axis=1)
@@ -192,12 +192,12 @@ def _over_time(axes: Axes, trial: Trace, columns: tuple[str, str]) -> None:
 
 
 def late_law(outcome: ScenarioTrials) -> Law | None:
-    """The first of our controllers, on a robot that is late; None on one that is not."""
+    """The first of our controllers, if the robot has delays; else None."""
     return next((law for law in BOUNDED if "_acting" in outcome.trials.get(law, [{}])[0]), None)
 
 
 def robot_figure(law: Law, trial: Trace) -> Figure:
-    """Forces and places of the first trial: all of it, and half a second about the hand's largest speed."""
+    """Forces and positions of the first trial: the whole trial, and half a second around the hand's largest speed."""
     figure = framed(
         f"{LAW_NAMES[law]}, first trial: force commanded to the force loop, and the true force of the motors, which "
         "move the robot's mass and friction, too; true speed of the hand; distance of the measured from the true "
@@ -225,7 +225,7 @@ MEAN_PLACE: Mapping[str, Any] = {"markersize": 9, "markerfacecolor": "none", "ma
 
 
 def trials_figure(outcome: ScenarioTrials) -> Figure:
-    """Every trial a thin line, their mean a thick one."""
+    """Every trial as a thin line, and their mean as a thick one."""
     laws = list(outcome.trials)
     box = shown_box(seen_points(outcome, (trial["_hand"] for of in outcome.trials.values() for trial in of)))
     tall, across = (box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), min(6.0 / len(laws), 3.0)
@@ -262,7 +262,7 @@ def _label_trials(axes: Axes, outcome: ScenarioTrials) -> None:
 
 
 def max_between(values: Array, ticks: NDArray[np.intp]) -> Array:
-    """(K,) the largest of `values` (N,) since the kept tick before, so that no peak is lost."""
+    """(K,) largest of `values` (N,) since the previous kept tick, so that no peak is lost."""
     return np.maximum.reduceat(values, np.concatenate(([0], ticks[:-1] + 1)))
 
 
@@ -312,14 +312,14 @@ def _draw_over_time(axes: Axes, law: Law, trials: Sequence[Trace], values: Seque
 
 
 def _same_limits(row: NDArray[np.object_]) -> None:
-    """Panels of one row, from zero to what the largest needs, over the longest time."""
+    """Set equal limits for the panels of a row: from zero to the largest value, over the longest time."""
     top, right = max(axes.get_ylim()[1] for axes in row), max(axes.get_xlim()[1] for axes in row)
     for axes in row:
         axes.set(xlim=(0, right), ylim=(0, top))
 
 
 def deviation_figure(outcome: ScenarioTrials) -> Figure:
-    """Every trial a thin line, their mean a thick one, on one scale; numbers say which point was to be held."""
+    """Every trial as a thin line, and their mean as a thick one, on one scale; numbers mark the point to hold."""
     holds = outcome.mode == "hold"
     of_what = "the point to be held, numbered, while it was" if holds else "the point of the path that is due"
     figure = framed(

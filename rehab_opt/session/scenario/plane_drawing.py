@@ -54,7 +54,7 @@ REGION_STYLES: Mapping[str, Mapping[str, Any]] = {
     "comfortable": {"facecolor": COMFORTABLE, "edgecolor": "#00573F", "linestyle": "-"},
 }
 NONE = 1e-3
-"""[N] less is no force and has no direction."""
+"""[N] A smaller force counts as zero and has no direction."""
 ROOM = 0.15
 """Fraction of what is drawn that is left free around it."""
 
@@ -67,7 +67,7 @@ def draw_plane(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
 
 
 def frame_plane(axes: Axes, outcome: ScenarioTrials, box: Box) -> None:
-    """Equal scales within the limits; the labels say in which frame."""
+    """Set equal scales within the limits, and labels with the frame."""
     placement = outcome.comfortable.placement
     placed = any(placement.position) or placement.turn != 0
     axes.set(xlim=box[0], ylim=box[1], aspect="equal")
@@ -83,12 +83,12 @@ def draw_workspace(
     label: str = "",
     zorder: float = 1,
 ) -> None:
-    """One of them, in its colours."""
+    """Draw one workspace in its colours."""
     draw_region(axes, getattr(outcome, which), {**REGION_STYLES[which], "zorder": zorder}, label=label)
 
 
 def draw_reference(axes: Axes, outcome: ScenarioTrials, path: Array | None = None, *, label: str = "reference") -> None:
-    """The reference, or another path (N, 2) [m] in its style: a line, its end marked if it is reached, or points."""
+    """Draw the reference, or another path (N, 2) [m]: a line, with its end marked if it is a goal, or points."""
     points = MM * (outcome.reference if path is None else path)
     if outcome.mode != "hold":
         # Of a path that is gone along more than once the dashes would fill each other's gaps.
@@ -109,7 +109,7 @@ def draw_reference(axes: Axes, outcome: ScenarioTrials, path: Array | None = Non
 
 
 def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
-    """Values x (K,), y (L,) and points (L K, 2) [m] in squares, `count` of them along the longer side."""
+    """Values x (K,), y (L,) and points (L K, 2) [m] of a square grid with `count` points along the longer side."""
     (left, right), (low, high) = box
     step = max(right - left, high - low) / MM / count
     x, y = np.arange(left / MM + step / 2, right / MM, step), np.arange(low / MM + step / 2, high / MM, step)
@@ -117,7 +117,7 @@ def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
 
 
 def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count: int) -> None:
-    """Directions of the forces (N, 2) [N] at the points (N, 2) [m] of a grid."""
+    """Draw directions of the forces (N, 2) [N] at the points (N, 2) [m] of a grid."""
     x, y, points = grid_points(box, count)
     of = forces(points).reshape(len(y), len(x), 2)
     size = np.linalg.norm(of, axis=2, keepdims=True)
@@ -129,19 +129,21 @@ def draw_arrows(axes: Axes, box: Box, forces: Callable[[Array], Array], *, count
 
 
 def seen_points(outcome: ScenarioTrials, hands: Iterable[Array]) -> Array:
-    """Points (N, 2) [m] of the reference, of W_c and of the ways of some hands: what a picture of trials shows."""
+    """Points (N, 2) [m] of the reference, of W_c and of the hands' paths, which a picture of trials must show."""
     return np.vstack([outcome.reference, shapely.get_coordinates(outcome.comfortable.polygon), *hands])
 
 
 def shown_box(points: Array) -> Box:
-    """Limits of x and y [mm] around points (N, 2) [m], with some room."""
+    """Limits of x and y [mm] around points (N, 2) [m], with a margin."""
     low, high = MM * points.min(axis=0), MM * points.max(axis=0)
     room = ROOM * max(*(high - low), 1.0)
     return (low[0] - room, high[0] + room), (low[1] - room, high[1] + room)
 
 
 def mean_over_trials(trials: Sequence[Trace], values: Sequence[Array]) -> tuple[Array, Array]:
-    """(K,) [s] and the mean of `values`, (N,) or (N, 2) of each trial, over those under way, while half of them are."""
+    """(K,) [s] and the mean of `values`, (N,) or (N, 2) for each trial, over the running trials, while at least half
+    run.
+    """
     longest = max(trials, key=lambda trial: len(trial["t_s"]))["t_s"]
     under_way = sorted((len(trial["t_s"]) for trial in trials), reverse=True)[(len(trials) - 1) // 2]
     total: Array = np.zeros((under_way, *values[0].shape[1:]))

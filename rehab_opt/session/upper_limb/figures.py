@@ -1,4 +1,4 @@
-"""A followed path drawn: the driven hand from above, the joints, and how far hand and handle were off."""
+"""Figures of a followed path: the driven hand from above, the joints, and the errors of hand and handle."""
 
 from __future__ import annotations
 

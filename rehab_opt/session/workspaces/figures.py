@@ -1,4 +1,4 @@
-"""Workspaces drawn as in Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
+"""Figures of workspaces like Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#E8C4B8", "edgecolor": "#8A5A4A", "linestyle": "-.", "hatch": "OO"},
     {"facecolor": "#333333", "edgecolor": "#000000", "linestyle": ":", "hatch": "xx"},
 )
-"""Of the sets in the order of the file, as many as may be compared."""
+"""Styles of the sets in the order of the file, as many as can be compared."""
 WRAPPED = 62  # characters of a legend's line
 ARROW = 60  # [mm]
 
 
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
-    """A workspace as a translucent area; an empty one leaves its label in the legend alone."""
+    """Draw a workspace as a translucent area; for an empty one only its label in the legend."""
     filled = {**style, "facecolor": to_rgba(style["facecolor"], 0.45)}
     axes.add_patch(PathPatch(region_path(workspace), label=label or None, **filled))
 
 
 def region_path(workspace: Workspace) -> Path:
-    """The boundary [mm], holes left open; no vertices where the set is empty."""
+    """The boundary [mm] with its holes; no vertices for an empty set."""
     vertices: list[tuple[float, float]] = []
     codes: list[Any] = []
     for _, _, points in rings(workspace):
@@ -70,7 +70,9 @@ def region_path(workspace: Workspace) -> Path:
 
 
 def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
-    """The shoulder as a dot, and an arrow of 60 mm to where the participant looks; both are within the frame drawn."""
+    """Draw the shoulder as a dot with an arrow of 60 mm in the participant's facing direction; both stay within the
+    axes.
+    """
     x, y = MM * np.array(section.shoulder_m[:2])
     turn = math.radians(section.shoulder_turn_deg)
     ahead = (x - ARROW * math.sin(turn), y + ARROW * math.cos(turn))
@@ -81,7 +83,9 @@ def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
 
 
 def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
-    """Equal scales in millimetres, labelled in the shoulder's frame or, where that is turned or moved, the robot's."""
+    """Set equal scales in millimetres, labelled in the shoulder's frame or, if that is turned or shifted, in the
+    robot's.
+    """
     placed = is_placed(section)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x of the robot [mm]" if placed else ACROSS)
@@ -95,7 +99,7 @@ def is_placed(section: ArmInPlane) -> bool:
 
 
 def region_label(name: str, workspace: Workspace) -> str:
-    """Name and area for a legend, or why the set is empty."""
+    """Name and area for a legend, or the reason why the set is empty."""
     area = np.format_float_positional(1e4 * workspace.area, precision=3, fractional=False, trim="-")
     size = f"empty, {workspace.reason}" if workspace.empty else f"{area} cm$^2$"
     return "\n".join(textwrap.wrap(f"{name}: {size}".replace("_", " "), WRAPPED))
@@ -128,7 +132,9 @@ def _slices(section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
 
 
 def _volumes(section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]) -> Figure:
-    """A view for each way of holding the handle; `volumes` are those of the named sets by whether it is held."""
+    """One view for each way of holding the handle; `volumes` are those of the named sets, by whether the handle is
+    held.
+    """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]  # noqa: PLC0415  (slow to import, rarely drawn)
 
     figure = framed(f"Reachable volume [mm]. n = {len(names)} ranges of motion.", 3.6)
