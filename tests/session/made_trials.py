@@ -93,7 +93,6 @@ def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) 
         for law, each in done.items()
     }
     return ScenarioTrials(
-        title=f"Made by hand: {mode}",
         mode=mode,
         comfortable=COMFORTABLE,
         reachable=REACHABLE,

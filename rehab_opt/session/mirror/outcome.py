@@ -140,7 +140,6 @@ class MirrorRuns:
     near : distances between bodies, tick by tick; None without `[clearance]`.
     """
 
-    title: str
     metrics: Mapping[str, Any]
     chain: SerialChain
     time: Array

@@ -106,7 +106,6 @@ def runs_of(outcome: Outcome) -> MirrorRuns:
     task = _task(outcome)
     setup, traces = task.setup, {name: trace for (name,), trace in outcome.traces.items()}
     return MirrorRuns(
-        title=outcome.title,
         metrics=outcome.metrics,
         chain=setup.robot,
         time=setup.reference.times - setup.reference.times[0],

@@ -121,7 +121,6 @@ def trials_of(outcome: Outcome) -> ScenarioTrials:
     task: Task = next(iter(outcome.scenes.values())).task
     problem, context = task.problem, task.context
     return ScenarioTrials(
-        title=outcome.title,
         mode=problem.mode,
         comfortable=context.comfortable,
         reachable=context.reachable,

@@ -106,7 +106,6 @@ class ScenarioTrials:
     spring : S [N/m] of `PathAssistance`, which pulls to the path itself; None if the fields pull.
     """
 
-    title: str
     mode: Mode
     comfortable: Workspace
     reachable: Workspace
