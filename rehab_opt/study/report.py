@@ -87,7 +87,7 @@ def report_html(study: Study, person: str | None = None, *, today: datetime.date
     with study.transaction("DEFERRED"):
         known = summary.quantities(study, person)
         drawn = sorted((each for each in known if _key(each) in PLAIN), key=lambda each: [*PLAIN].index(_key(each)))
-        means = summary.session_means(study, (drawn or known)[:MAX_DRAWN], person)
+        means = summary.session_means(study, (drawn or known)[:MAX_DRAWN], person, lambda each: _plain(each)[2:])
         content = {
             "title": person or study.folder.name, "everybody": person is None, "version": __version__,
             "day": (today or datetime.date.today()).isoformat(), "unread": study.bad() if person is None else [],
@@ -312,7 +312,7 @@ def _contrasts(means: Means) -> dict[str, Any]:
 def _extremes(study: Study, means: Means, person: str | None) -> dict[str, Any]:
     rows = []
     for measure in means:
-        cells = []
+        cells, values = [], set()
         for way in (1, -1) if _plain(measure).better else ():
             largest = way * _plain(measure).better > 0
             end = summary.extreme(study, measure, _plain(measure)[2:], largest=largest, person=person)
@@ -320,7 +320,8 @@ def _extremes(study: Study, means: Means, person: str | None) -> dict[str, Any]:
                 who, session, day, number, condition, value = end
                 where = ", ".join(filter(None, (None if person else who, session, day, f"trial {number}", condition)))
                 cells.append(f"{_number(_scale(measure)[0] * value)} ({where})")
-        rows += [[_title(measure, unit=True), *cells]] if cells else []
+                values.add(value)
+        rows += [[_title(measure, unit=True), *cells]] if len(values) > 1 else []
     return _table("measure, best, worst", rows)
 
 

@@ -158,23 +158,28 @@ def sessions(study: Study, person: str) -> list[Any]:
 
 
 def session_means(
-    study: Study, measures: Sequence[Quantity], person: str | None = None
+    study: Study,
+    measures: Sequence[Quantity],
+    person: str | None = None,
+    ends: Callable[[Quantity], tuple[float, float]] = lambda _: (-math.inf, math.inf),
 ) -> dict[Quantity, list[SessionMean]]:
     """For each measure the mean of every session under each condition, in the order of the sessions.
 
-    Unfinished trials, and trials without the number, do not count. The values are included only for a single person.
+    Unfinished trials, trials without the number, and values outside the `ends` of their measure do not count. The
+    values are included only for a single person.
     """
     of, who = _of_person(person)
     question = (
         f"WITH o AS (SELECT s.id, row_number() OVER (PARTITION BY s.person ORDER BY {IN_ORDER}) - 1 AS place "
-        f'FROM sessions s) SELECT m.quantity, s.person, s."group", s.name, s.date, o.place, t.condition, avg(m.value), '
+        f'FROM sessions s) SELECT s.person, s."group", s.name, s.date, o.place, t.condition, avg(m.value), '
         f"{'NULL' if person is None else 'json_group_array(m.value)'} {FROM} JOIN o ON o.id = s.id "
         f"JOIN measures m ON m.trial = t.id WHERE {of} AND t.status = ? "
-        f"AND m.quantity IN ({', '.join('?' * len(measures))}) GROUP BY m.quantity, s.id, t.condition"
+        "AND m.quantity = ? AND m.value BETWEEN ? AND ? GROUP BY s.id, t.condition"
     )
     found: dict[int, list[SessionMean]] = {each.id: [] for each in measures}
-    for measure, *row, values in study.rows(question, (*who, DONE, *found)):
-        found[measure].append(SessionMean._make([*row, json.loads(values) if values else ()]))
+    for measure in measures:
+        for *row, values in study.rows(question, (*who, DONE, measure.id, *ends(measure))):
+            found[measure.id].append(SessionMean._make([*row, json.loads(values) if values else ()]))
     for means in found.values():
         means.sort(key=lambda each: (each.person, each.order, each.condition or ""))
     return {measure: found[measure.id] for measure in measures}

@@ -172,6 +172,22 @@ def test_no_best_trial_and_no_interval_is_of_values_that_cannot_be(study: Study)
     assert "(1 to" in mean
 
 
+def test_values_that_cannot_be_are_in_no_mean_and_equal_trials_have_no_best(study: Study) -> None:
+    """0 velocity peaks lowered the means; a workspace of 0 was the best and the worst."""
+    for person, counts in (("P", (0, 4, 0)), ("Q", (6, 6))):
+        trials = [
+            Trial("score", [Measure("velocity_peaks", float(n), "1"), Measure("workspace_area", 0.0, "m^2")])
+            for n in counts
+        ]
+        study.add(Session(person, "1"), trials)
+    text = report_html(study)
+    means = text[text.index("Groups and conditions") :]
+    assert "5 (1 to" in means[means.index("Velocity peaks") :][:200]
+    extremes = text[text.index("Best and worst") :].partition("</table>")[0]
+    assert "4 (" in extremes
+    assert "Workspace" not in extremes
+
+
 def test_every_event_and_every_bound_that_was_passed_is_told(study: Study) -> None:
     trials = [
         Trial(
