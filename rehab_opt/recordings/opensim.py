@@ -17,11 +17,11 @@ __all__ = ["read_opensim"]
 
 LENGTHS = {".mot": r"(^|[_/])t[xyz]$|trans[XYZ]$", ".sto": r"(^|[_/])t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
 """Column names in metres; those of body kinematics in a .sto end in an axis."""
-RATES = re.compile(r"veloc|speed|accel|kinematics_(u|dudt)", re.IGNORECASE)
+RATES = re.compile(r"veloc|speed|accel|deriv|kinematics_(u|dudt)", re.IGNORECASE)
 """Words in line 1 for velocities and accelerations."""
 OTHERS = re.compile(
     r"force|moment|torque|dynamics|optimi[sz]ation|activation|excitation|control|reaction|power|length|fiber|tendon|"
-    r"pennation|muscle|error|probe|energy|emg|electromyo",
+    r"pennation|muscle|error|probe|energy|emg|electromyo|point",
     re.IGNORECASE,
 )
 """Words in line 1 for quantities other than positions and joint angles."""
@@ -83,7 +83,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     notes = [f"its header states {stated:.0f} rows, {len(cells)} are there"] if abs(stated - len(cells)) > 0 else []
     notes += [note] if note and (angles or not columns) else []
     unread = [cell for cell in header if cell not in {"time", *lengths, *angles, *columns}]
-    said = "" if title else " (line 1 has no title that says what they are)"
+    said = "" if title or {*unread} <= strange else " (line 1 has no title that says what they are)"
     notes += [f"columns not read: {shown(', '.join(unread), 200)}{said}"] if unread else []
     points = metre * np.column_stack([by_name[column] for column in columns]) if columns else np.empty((len(cells), 0))
     turn = {"yes": "deg", "no": "rad"}.get(facts.get("indegrees", ""))

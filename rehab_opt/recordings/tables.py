@@ -31,7 +31,9 @@ TIMES = (("t", "time"), ("timestamp", "timestamps", "time stamp", "time_stamp", 
 """Names of the time column; those of the second group count if there is none of the first."""
 HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
 """Names that are recognised in capitals, too."""
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
+MISSING = frozenset({
+    "", "nan", "na", "n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "#n/a",
+})  # fmt: skip
 """Cells, in lower case, that mean a missing value."""
 ROWS = "(rows)"
 """Name of an unnamed first column, which counts the rows."""
@@ -73,8 +75,8 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
     """Samples under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`, optionally after `#`.
 
     Time is one of `TIMES`, positions `x`, `y` and optionally `z`, every column in deg or rad a joint, `fx`, `fy` (and
-    `fz`) in N the force on the hand; others are ignored with a note. With numbered columns and a numeric first line,
-    there is no header.
+    `fz`) in N the force on the hand; others are ignored with a note. Units may stand in a line of their own below the
+    header. With numbered columns and a numeric first line, there is no header.
 
     Raises
     ------
@@ -97,7 +99,10 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
         expected = "a header with units, such as t_s,x_m,y_m (or recording.columns and time_column as numbers)"
         raise ProblemFileError(name, f"line {top + 1}", shown(lines[top]), expected)
     written[0] = written[0] or ROWS
-    header = [canonical_name(cell) for cell in written]
+    below = _units(lines[top + 1].split(mark)) if top + 1 < len(lines) else []
+    units = below if len(below) == len(written) else [""] * len(written)
+    top += any(units)
+    header = [canonical_name(f"{cell} [{unit}]" if unit else cell) for cell, unit in zip(written, units, strict=True)]
     check_once(header, name, line=top + 1)
     kinds = {"time": _times(header, written, how, name), "length": _hand(header, written, how, name)}
     kinds["angle"] = [cell for cell in header if unit_of(cell) in ANGLE and cell not in kinds["length"]]
@@ -129,6 +134,12 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
         (f"columns not read: {shown(', '.join(unread), 200)}",) if unread else (),
         trials=trials,
     )
+
+
+def _units(cells: Sequence[str]) -> list[str]:
+    """The units in a line of units below a header, "" for a column without one; none if it is another line."""
+    units = [known_unit(cell.strip(' "[]()')) for cell in cells]
+    return units if all(unit in UNITS or not unit for unit in units) else []
 
 
 def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any
 
@@ -63,7 +64,8 @@ def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, An
 
 def known_unit(text: str) -> str:
     """The symbol of a unit in any spelling; the text itself if it is unknown."""
-    return SPELLINGS.get(text.lower(), text)
+    spelled = SPELLINGS.get(text.lower(), text)
+    return spelled if spelled in UNITS or spelled.lower() not in UNITS else spelled.lower()
 
 
 def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -> int | None:
@@ -109,7 +111,6 @@ class Reading:
         """
         self.used.add(kind)
         known, stated = known_unit((said or "").strip()), self.stated(kind)
-        known = known if known in KINDS[kind] else known.lower()
         if stated is not None:
             note = f"{kind}s are read in {stated}, as stated, not in {shown(known)}"
             if known not in ("", stated) and note not in self.told:
@@ -124,7 +125,7 @@ class Reading:
         if not known and one is not None:
             return one
         expected = f"one of {', '.join(KINDS[kind])}, or recording.units"
-        if key and not known:
+        if key and not known and PurePath(name).suffix.lower() in USED_BY[key][0]:
             expected += f" (or recording.{key}, its unit in {key[-2:]})"
         raise ProblemFileError(name, where, brief(said), expected)
 

@@ -91,6 +91,11 @@ def test_what_is_no_angle_is_read_as_none(written: Write) -> None:
         lambda name, text: score_recordings([str(written(name, text))]),
         (("b.sto", motion(time, angles, title="EMG envelopes\n")), "--columns", "line 1 says EMG envelopes"),
         (("c.sto", motion(time, angles, title="")), "elbow, shoulder (line 1 has no title"),
+        (("c.mot", motion(time, angles, title="Derivatives\n")), "line 1 says Derivatives"),
+        (
+            ("d.sto", motion(time, angles, title="PointPosition\n", columns="state_0 state_1")),
+            "PointPosition: no angles",
+        ),
         (("d.sto", motion(time, angles, title="Velocities\n", columns="a_X a_Y")), "line 1 says Velocities"),
         error=ProblemFileError,
     )
@@ -223,3 +228,38 @@ def test_missing_rows_are_no_beat_of_a_clock(seed: int) -> None:
     rows = np.sort(rng.choice(count, size=int(count * rng.uniform(0.7, 0.95)), replace=False))
     even, _ = even_times(np.round(rows / rate, int(rng.integers(3, 7))), None)
     np.testing.assert_allclose(np.diff(even), np.diff(rows) / rate, atol=1.1e-3)
+
+
+# -------------------- spellings
+@pytest.mark.parametrize("gap", ["-nan", "-NaN(ind)", "1.#QNAN", "-1.#IND", "#N/A"])
+def test_gaps_are_known_in_the_spellings_of_other_programs(written: Write, gap: str) -> None:
+    time, points = moved()
+    points[31:33] = np.nan
+    for name, text, how in (("a.csv", table(time, points), {}), ("a.trc", trc(time, points), {"marker": "HAND"})):
+        read = read_recording(written(name, text.replace("nan", gap)), **how)
+        assert read.notes == ("left out: 2 samples (0.02 s) without the hand, the first after 0.31 s",)
+
+
+@pytest.mark.parametrize(
+    ("head", "reading"),
+    [
+        ("Time (S),X (M),Y (M),Z (M)", {}),
+        ("t,x,y,z\ns,m,m,m", {}),
+        ("t,x,y,z\n[s],[m],[m],[m]", {"columns": ["x", "y", "z"]}),
+        ("t_s,x,y,z\n,m,m,m", {}),
+    ],
+)
+def test_units_are_read_in_capitals_and_below_the_header(written: Write, head: str, reading: dict[str, Any]) -> None:
+    assert same(written("a.csv", table(*moved(), head)), **reading) == ()
+
+
+def test_a_trc_without_a_unit_or_with_blanks_is_refused_with_keys_that_it_has(written: Write) -> None:
+    text = trc(*moved())
+    refuses(
+        lambda text: read_recording(written("a.trc", text), marker="HAND"),
+        ((text.replace("\t", " "),), "line 4", "separated by tabs or commas"),
+        ((text.replace("\tmm", "\t"),), "expected one of m, cm, mm, or recording.units"),
+        error=ProblemFileError,
+    )
+    with pytest.raises(ProblemFileError, match=r"or recording\.units$"):
+        read_recording(written("a.trc", text.replace("\tmm", "\t")), marker="HAND")
