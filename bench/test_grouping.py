@@ -15,8 +15,8 @@ def bench(name: str, **params: str) -> dict[str, Any]:
 
 BENCHES = [
     bench("test_solve[daqp-mirror]", solver="daqp", sequence="mirror"),
-    bench("test_solve[ladder-ardis]", solver="ladder", sequence="ardis"),
-    bench("test_solve[ladder-mirror]", solver="ladder", sequence="mirror"),
+    bench("test_solve[fallback-ardis]", solver="fallback", sequence="ardis"),
+    bench("test_solve[fallback-mirror]", solver="fallback", sequence="mirror"),
     bench("test_tracker[daqp]", solver="daqp"),
     bench("test_chain[pose]", quantity="pose"),
     bench("test_plain"),
@@ -26,7 +26,7 @@ BENCHES = [
 @pytest.mark.parametrize(
     ("group_by", "expected"),
     [
-        ("param:solver", {"solver=daqp": 2, "solver=ladder": 2, "test_chain": 1, "test_plain": 1}),
+        ("param:solver", {"solver=daqp": 2, "solver=fallback": 2, "test_chain": 1, "test_plain": 1}),
         (
             "param:sequence",
             {"sequence=ardis": 1, "sequence=mirror": 2, "test_tracker": 1, "test_chain": 1, "test_plain": 1},

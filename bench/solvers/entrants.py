@@ -24,7 +24,7 @@ __all__ = ["KEPT", "entrants", "entrants_named"]
 KEPT = ("proxqp", "osqp", "daqp")
 """Solvers with a backend of ours, which keeps a workspace, or is asked directly (daqp)."""
 OTHER_BACKUPS = ("proxqp",)
-"""Of the same ladder, to see what the backup costs."""
+"""Of the same fallback, to see what the backup costs."""
 BOUNDS_AS_ROWS = ("cvxopt", "ecos", "quadprog")
 """qpsolvers gives these every bound as a row, also an infinite one, which they cannot read."""
 
@@ -34,8 +34,11 @@ def entrants() -> tuple[Entrant, ...]:
     import qpsolvers  # noqa: PLC0415  (it loads every solver it finds)
 
     ours = (
-        Entrant("ladder", both_rungs, BACKUP, ("casadi", BACKUP)),
-        *(Entrant(f"ladder-{name}", both_rungs, name, ("casadi", PACKAGES.get(name, name))) for name in OTHER_BACKUPS),
+        Entrant("fallback", both_stages, BACKUP, ("casadi", BACKUP)),
+        *(
+            Entrant(f"fallback-{name}", both_stages, name, ("casadi", PACKAGES.get(name, name)))
+            for name in OTHER_BACKUPS
+        ),
         Entrant("qrqp-fused", fused_qrqp, "compiled", ("casadi",)),
         Entrant("qrqp-virtual", fused_qrqp, "virtual", ("casadi",)),
         *(Entrant(f"{name}-kept", kept_alive, name, (PACKAGES.get(name, name),)) for name in KEPT),
@@ -70,7 +73,7 @@ def fused_qrqp(recorded: RecordedQPs, solver: str) -> Solver:
     return _Fused(recorded.sequence, compile=None if solver == "compiled" else False)
 
 
-def both_rungs(recorded: RecordedQPs, solver: str) -> Solver:
+def both_stages(recorded: RecordedQPs, solver: str) -> Solver:
     """What our controllers do: fused qrqp, then the backup, then qrqp once more without its warm start."""
     return _Ladder(recorded.sequence, solver)
 

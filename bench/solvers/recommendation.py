@@ -17,10 +17,10 @@ DEFAULTS: Mapping[str, tuple[str, str]] = {
     "nlp_arm_ik": ("sqp", "cold"),
     "nlp_boundary": ("sqp", "cold"),
 }
-"""Solver and mode of a family where nothing else is said, of those that are not solved by the ladder tick after tick:
+"""Solver and mode of a family where nothing else is said, of those that are not solved by the fallback tick after tick:
 steps of the SQP, fits that are made once, programmes."""
-LADDER = ("ladder", "warm")
-RUNGS = ("ladder", "ladder-proxqp", "qrqp-fused", "qrqp-virtual", "sqp")
+FALLBACK = ("fallback", "warm")
+STAGES = ("fallback", "fallback-proxqp", "qrqp-fused", "qrqp-virtual", "sqp")
 """These are no alternatives: parts of the default, and its way through CasADi's virtual machine."""
 SLACK = 1.2
 """A default may be slower than the best alternative by this factor."""
@@ -55,8 +55,8 @@ class Recommendation(NamedTuple):
 def recommendations(rows: Sequence[Row]) -> tuple[Recommendation, ...]:
     """One for each family in which a default took part."""
     found = []
-    for own in (row for row in rows if DEFAULTS.get(row.family, LADDER) == (row.solver, row.mode) and row.ticks):
-        same = RUNGS if own.solver in RUNGS else (own.solver,)
+    for own in (row for row in rows if DEFAULTS.get(row.family, FALLBACK) == (row.solver, row.mode) and row.ticks):
+        same = STAGES if own.solver in STAGES else (own.solver,)
         others = [
             row
             for row in rows

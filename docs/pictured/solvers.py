@@ -21,10 +21,10 @@ FAMILIES = {
     "degenerate": "every row twice", "badly_scaled": "badly scaled", "field_learning": "field learning",
     "nlp_arm_ik": "arm IK, an NLP",
 }  # fmt: skip
-NAMES = {"ladder": "fused qrqp", "daqp-kept": "daqp", "sqp": "our SQP"}
+NAMES = {"fallback": "fused qrqp", "daqp-kept": "daqp", "sqp": "our SQP"}
 CLOSE = 2.0
 """Ratio of two times below which names are at the sides, not above."""
-OURS = ("ladder", "ladder-proxqp", "qrqp-fused", "qrqp-virtual")
+OURS = ("fallback", "fallback-proxqp", "qrqp-fused", "qrqp-virtual")
 """Ours: chains of solvers, and the fused one."""
 TICK_US = 1000.0
 GREY = "#777777"

@@ -54,7 +54,7 @@ def test_a_comparison_prints_its_tables_and_says_what_it_wrote(
     [
         (("--solver", "gurobi2"), "gurobi2"),
         (("--family", "nobody"), "nobody"),
-        (("--family", "boxes.npz", "--solver", "ipopt"), "can solve these families: ladder"),
+        (("--family", "boxes.npz", "--solver", "ipopt"), "can solve these families: fallback"),
         (("--family", "boxes.npz", "--time-limit", "nan"), "--time-limit"),
         (("--family", "boxes.npz", "--time-limit", "0"), "--time-limit"),
         (("--family", "boxes.npz", "--out", "boxes.npz"), "--out"),

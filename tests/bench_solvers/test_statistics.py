@@ -73,7 +73,7 @@ def test_a_quicker_solver_that_fails_more_often_is_no_alternative() -> None:
         outcomes = [Outcome.SOLVED] * (10 - failures) + [Outcome.WRONG] * failures
         return row_of("f", solver, "warm", [(judged(each, seconds), False) for each in outcomes], limit=1.0)
 
-    rows = [row("ladder", 3e-5, 0), row("rash", 1e-5, 1), row("daqp", 2e-5, 0), row("qrqp-virtual", 1e-6, 0)]
+    rows = [row("fallback", 3e-5, 0), row("rash", 1e-5, 1), row("daqp", 2e-5, 0), row("qrqp-virtual", 1e-6, 0)]
     (found,) = recommendations(rows)
     assert found.best is not None
     assert found.best.solver == "daqp"

@@ -107,7 +107,7 @@ def test_a_lost_first_position_does_not_turn_the_chair_s_motion() -> None:
     assert np.hypot(*command.value[:2]) == pytest.approx(0.49, abs=1e-9)
 
 
-# ---------------------------------------------------------------------------------------------------------- ladder
+# ------------------------------------------------------------------------------------------------------- fallback
 def test_the_backup_answers_when_the_primary_is_made_to_fail() -> None:
     plain = resolver()
     with failing_solvers() as failures:
