@@ -130,7 +130,7 @@ def _draw_measure(axes: Axes, outcome: ScenarioTrials, key: str, factor: float) 
     low, high = axes.get_xlim()
     low, high = (low if key == "smoothness_sparc" else 0.0), (PERCENT if factor == PERCENT else high)
     axes.set_xlim(low, high + 0.5 * (high - low))  # room for the numbers
-    ticks = (0.0, 50.0, PERCENT) if factor == PERCENT else MaxNLocator(3).tick_values(low, high)
+    ticks = (0.0, 50.0, PERCENT) if factor == PERCENT else MaxNLocator(3, steps=(1, 2, 5, 10)).tick_values(low, high)
     axes.set_xticks([each for each in ticks if low <= each <= high])
 
 
