@@ -92,9 +92,9 @@ class BoundedForce(OneThread):
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change per nominal tick, as the length of a vector. It must be large enough for the force
         to follow and damp oscillations, see `rehab_opt.field.settling`.
-    growth_limit : [N/s] largest growth rate of the force beyond its largest recent value, which fades by force_limit /
-        2 per second. Below this value only the slew limit applies. A value of the slew limit or more disables this
-        bound.
+    growth_limit : [N/s] largest growth rate of the force above its recent maximum, a memory that decreases by
+        force_limit / 2 per second. Below the recent maximum only the slew limit applies. A growth limit of the slew
+        limit or more has no effect.
     energy_budget : [J] net energy that may be delivered to the hand until `reset`; see `EnergyTank`.
     speed_cap : [m/s] hand speed above which the force is released.
     actuation_delay : [s] sum of the delays from a command to its force and from a position to `step`.
@@ -311,7 +311,7 @@ class BoundedForce(OneThread):
     ) -> Command:
         """Force (2,) [N] to hold until the next tick.
 
-        Numbers never raise: an invalid state gives a release and a reason.
+        Numbers raise no error: an invalid state gives a release and a reason.
 
         Parameters
         ----------
@@ -368,7 +368,7 @@ class BoundedForce(OneThread):
         return command
 
     def _command(self, solved: memoryview[float], names: Sequence[str]) -> Command:
-        """The command of `SOLVED`, which also becomes the last command."""
+        """The command in the numbers of `SOLVED`; the next tick starts from it."""
         _, x, y, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
         self._held[0], self._held[1], self.desired_force = x, y, (rest[3], rest[4])
         value = _read_only(self._held.tobytes())  # a copy

@@ -54,7 +54,7 @@ class EnergyTank:
     added, up to the budget, if every step was measured. Between two positions only the sum of input and output counts.
 
     A force acts with a delay of up to `window`, except for a lagging remainder. So a step dx costs the largest max F.dx
-    over the forces of the window, plus a tail: exp(-TAIL) of a lagging force comes from forces before the window. A
+    over the forces of the window, plus a tail: a fraction exp(-TAIL) of a lagging force was sent before the window. A
     sent force can still deliver at most its impulse times the speed cap. `ceiling` is the largest force F that, in
     addition, leaves enough energy for a release within the slew bound after a tick of length `late`:
 

@@ -104,7 +104,7 @@ class Joystick(OneThread):
         self._give_away()
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
-        """The user's current command. Numbers never raise.
+        """The user's current command. Numbers raise no error.
 
         Parameters
         ----------

@@ -264,7 +264,7 @@ class MirrorTracker(MirrorPreview):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
-        Numbers never raise: an invalid state gives the fallback command, a deceleration within the limits, with a
+        Numbers raise no error: an invalid state gives the fallback command, a deceleration within the limits, with a
         reason; the clock waits meanwhile. Numpy arrays are fast; lists take several times as long.
 
         Parameters

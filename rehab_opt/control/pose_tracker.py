@@ -502,7 +502,7 @@ class PoseTracker(PoseInputs):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
-        Numbers never raise: an invalid state or pose gives the fallback command, a tick of braking, with a reason.
+        Numbers raise no error: an invalid state or pose gives the fallback command, a tick of braking, with a reason.
 
         Parameters
         ----------

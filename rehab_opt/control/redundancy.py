@@ -235,7 +235,7 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (n,) to hold until the next tick, and wheel speeds.
 
-        Numbers never raise: invalid ones give the fallback command, a deceleration within the limits, and a reason.
+        Numbers raise no error: invalid ones give the fallback command, a deceleration within the limits, and a reason.
 
         Parameters
         ----------

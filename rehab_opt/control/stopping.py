@@ -196,7 +196,7 @@ class BrakingTogether:
         return self._left * velocity
 
     def slowest(self, velocity: ca.SX) -> ca.SX:
-        """(n,) velocities after a tick of the hardest braking, which ends on the way to the stop posture."""
+        """(n,) velocities after a tick of the hardest braking of all joints together."""
         return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:

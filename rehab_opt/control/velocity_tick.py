@@ -38,9 +38,9 @@ REPORT = Record(
     left=1, residual=1, solver=1, relaxed=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
     note=1,
 )  # fmt: skip
-"""What remains to be done for a command; its residual, solver, relaxed bounds and fraction of the task; whether one of
-the other values differs from a plain OK: index of the status in `NUMBERED`, number of the reason, its input and element
-(-1 for none), its details, and the sum of the notes."""
+"""The remaining work for a command; its residual, solver, relaxed bounds and fraction of the task; and a flag that is
+zero for a plain OK. The rest is needed otherwise: the status (index in `NUMBERED`), the number of the reason, the input
+and element it is about (-1 for none), its details, and the sum of the notes."""
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
 """Remaining work: none; an answer by another solver, or by a cold start; the fallback command."""
 

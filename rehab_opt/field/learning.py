@@ -117,8 +117,8 @@ def learnt_field(
     ----------
     demonstrations : the recordings.
     width : sigma [m]; from several, the one with the least held-out error is chosen.
-    path : path of the field, as in `PotentialField`. None means the mean of the demonstrations, smoothed to half the
-        width. With their own positions as paths, no spring could pull back along the sway of a hand.
+    path : path of the field, as in `PotentialField`. None means the mean of the demonstrations, smoothed over
+        half of `width`. With their own positions as paths, no spring could pull back along the sway of a hand.
     held_out : numbers of the demonstrations that are held out for testing; by default every fifth, or one of two to
         four.
     rest_on_target, spacing, compile : as in `PotentialField`.

@@ -32,7 +32,7 @@ MEAN_POINTS = 400
 HAND_SPEED = 10.0
 """[m/s] Largest speed of a hand; a faster jump is a sensor error."""
 MAX_MAGNITUDE = 1e2
-"""[m] Largest coordinate of a path; a larger one is in another unit."""
+"""[m] Largest coordinate of a path; a larger value means a wrong unit."""
 MAX_SAMPLES = 1_000_000
 """Largest number of samples of a path; more come from a wrong unit and would exhaust the memory."""
 

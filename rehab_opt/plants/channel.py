@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 ROUNDING = 1e-9
 """[s] Rounding of times; a smaller delay counts as arrived."""
 SLOWEST = 10.0
-"""[s] Largest delay; a larger one is in another unit."""
+"""[s] Largest delay; a larger value means a wrong unit."""
 
 
 @dataclass(frozen=True, kw_only=True)

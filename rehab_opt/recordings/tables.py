@@ -68,7 +68,7 @@ def unit_of(column: str) -> str:
 SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": None}
 """Separators of cells; None means any number of blanks."""
 STRONGEST = 1e4
-"""[N] Largest force; a larger one is in another unit."""
+"""[N] Largest force; a larger value means a wrong unit."""
 
 
 def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:

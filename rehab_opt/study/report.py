@@ -170,8 +170,8 @@ def _facts(study: Study, person: str | None) -> str:
 def _changes(means: Means) -> dict[str, Any]:
     """One row for each measure and condition: first and last session, and whether the change is clear.
 
-    With four sessions or more, it is clear if the interval of the slope excludes zero; else, if the intervals of first
-    and last mean do not overlap.
+    With four sessions or more, a change is clear if the confidence interval of the slope excludes zero; with fewer, if
+    the confidence intervals of the first and the last mean do not overlap.
     """
     rows = []
     for measure, of in means.items():

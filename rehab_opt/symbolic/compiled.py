@@ -275,7 +275,7 @@ def _folder() -> Path:
 
 @functools.cache
 def _instead_of(folder: Path, problem: str) -> Path:
-    """A private folder; logs the reason once."""
+    """A private folder instead of a cache folder with a problem, which is logged once."""
     private = _private_folder()
     _log.warning(
         "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "

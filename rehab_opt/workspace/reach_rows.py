@@ -50,7 +50,7 @@ CLEAR, CLOSE, SIGNED = 4.0, 3.0, 2.0
 
 
 class Suspect(NamedTuple):
-    """A row that looks like its group's rows with the opposite sign."""
+    """A row whose sign is probably wrong: with the opposite sign it is like the other rows of its group."""
 
     file: str
     line: int  # counted from 1

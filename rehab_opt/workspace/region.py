@@ -41,8 +41,8 @@ COPYING = threading.Lock()
 class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
-    Any thread may query it; a thread's first query prepares the polygon in 1 ms or less. Numbers never raise, not even
-    NaN and infinity; other types and wrong shapes do.
+    Any thread may query it; a thread's first query prepares the polygon in 1 ms or less. Numbers raise no error, not
+    even NaN and infinity; other types and wrong shapes do.
 
     Parameters
     ----------
