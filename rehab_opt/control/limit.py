@@ -42,6 +42,8 @@ ROWS = 3
 """Number of distances of a limit that make rows: along an edge of two, an arm slides into a corner."""
 MATTERS = 0.05
 """Fraction of a slope's largest entry; a joint below it does not help to satisfy the limit."""
+RETURN = 0.01
+"""[m/s] Speed of the return from within a margin for which accelerations yield."""
 TINY = 1e-300
 
 
@@ -302,12 +304,14 @@ class PostureLimits:
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) `velocity`, corrected if it would come nearer to a body than the margin; acceleration yields.
 
-        The contacts are those at the end of the tick (`contacts` with twice its time): a Newton step, without the error
-        of the rows' tangents, which follow the last velocity.
+        Within the margin it follows a body that approaches, and returns by `RETURN`; the QP returns faster, within
+        accelerations. The contacts are those at the end of the tick (`contacts` with twice its time): a Newton step,
+        without the error of the rows' tangents, which follow the last velocity.
         """
         assert self.clearance is not None
         distances, slopes, changes = self.clearance.read(contacts)
-        return _led_across(velocity, slopes, (distances - SLACK / 2) / self.dt + changes, bounds.hard)
+        free = ca.fmax((distances - SLACK / 2) / self.dt, -RETURN)
+        return _led_across(velocity, slopes, free + changes, bounds.hard)
 
     @cached_property
     def keeping(self) -> ca.Function:

@@ -147,6 +147,32 @@ def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() 
         mirror.plan(np.tile(pose, (5, 1, 1)), np.zeros((5, 6)), q)
 
 
+@pytest.mark.parametrize("acceleration", [15.0, 1.0])
+@pytest.mark.parametrize("inside", [0.0005, 0.005, 0.018])
+def test_a_body_that_stands_within_the_margin_is_left_slowly(inside: float, acceleration: float) -> None:
+    """When `enable` is pressed; the hand's speed is that of differences of its places."""
+    dt, chain = 0.002, ur5(velocity=1.0, acceleration=acceleration)
+    given, links = Clearance(margin=MARGIN, moving=1, pairs=()), np.arange(2, len(chain.capsules))
+    tracker = PoseTracker(chain, dt=dt, linear_speed=0.25, limits=[given], compile=False)
+    q, pose = START.copy(), chain.pose(START)
+
+    def room_left(q: np.ndarray, body: MovingCapsule) -> float:
+        return float(least_distance(chain, given, ends(chain, q), [body], links))
+
+    away = [np.array([0.0, -x, 0.0]) + pose[:3, 3] for x in np.linspace(0.0, 0.4, 4001)]
+    body = next(each for each in (MovingCapsule(at, at, 0.05) for at in away) if room_left(q, each) >= -inside)
+    places, fastest = [pose[:3, 3]], 0.0
+    for k in range(700):
+        u = tracker.step(q, pose, np.zeros(6), obstacles=[body], enable=k >= 20).value
+        fastest = max(fastest, float(np.abs(u).max()) if k < 40 else 0.0)
+        q = q + dt * u
+        places.append(chain.pose(q)[:3, 3])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / dt
+    assert speeds.max() <= 1.02 * 0.25
+    assert fastest <= 20 * dt * acceleration + 0.05
+    assert room_left(q, body) > -inside / 2
+
+
 def still(body: MovingCapsule, dt: float) -> MovingCapsule:
     """Where it is a tick later."""
     return body._replace(start=body.start + dt * body.start_velocity, end=body.end + dt * body.end_velocity)

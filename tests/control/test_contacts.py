@@ -6,10 +6,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rehab_opt import Box
-from rehab_opt.control.clearance_pairs import KINDS, Kind
+from rehab_opt.control.clearance_pairs import Kind, _kinds
 from tests.control.clearance_world import box_apart, segments_apart
 
-CAPSULES, BOX = KINDS
+CAPSULES, BOX = _kinds()
 ALONE = np.r_[np.zeros(7), np.ones(4)]
 """Of a pair at rest that tells of all its ends."""
 
@@ -107,7 +107,7 @@ def test_first_of_the_contacts_at_rest_is_the_nearest_also_of_bodies_that_are_ne
         assert contacts[0, np.argmin(contacts[8])] == pytest.approx(float(CAPSULES.distance(column)), abs=1e-9)
 
 
-@pytest.mark.parametrize("functions", KINDS)
+@pytest.mark.parametrize("functions", [CAPSULES, BOX])
 def test_contact_that_comes_faster_than_its_barrier_lets_it_is_ranked_by_its_room(functions: Kind) -> None:
     """However much nearer another one of its pair is: an elbow came to a box at 1.6 times what its barrier lets it."""
     rng, lead, far = np.random.default_rng(4), 0.8, 0

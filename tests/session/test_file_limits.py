@@ -110,7 +110,7 @@ def header_of(suffix: str, more: int) -> str:
 def test_a_hundred_thousand_columns_are_refused_with_the_limit(written: Write, suffix: str) -> None:
     path = written(f"path.{suffix}", header_of(suffix, 100_000))
     with within(LIMIT), pytest.raises(ProblemFileError, match=f"columns': expected at most {MAX_COLUMNS} columns"):
-        read_recording(path, marker="x")
+        read_recording(path, **({"marker": "x"} if suffix == "trc" else {}))
 
 
 part = st.sampled_from(["a", "turn_deg", "-", "7", '"b c"', "'d.e'", '"="', '"\\"."', '"#"'])
