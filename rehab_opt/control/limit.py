@@ -304,7 +304,7 @@ class PostureLimits:
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) `velocity`, corrected if it would come nearer to a body than the margin; acceleration yields.
 
-        Within the margin it follows a body that approaches, and returns by `RETURN`; the QP returns faster, within
+        Within the margin the arm gives way to approaching bodies and returns at `RETURN`; the QP returns faster, within
         accelerations. The contacts are those at the end of the tick (`contacts` with twice its time): a Newton step,
         without the error of the rows' tangents, which follow the last velocity.
         """

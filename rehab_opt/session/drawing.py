@@ -135,7 +135,7 @@ def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", fr
 
 
 def end_at(axes: Axes, top: float, *, bottom: float = 0.0) -> None:
-    """End a panel there; words in its corner say which labelled lines go beyond, and how far."""
+    """Set the limits of a panel; a note in its corner names the lines that go beyond `top`, with their peaks."""
     axes.set_ylim(bottom, top)
     peaks = [(str(line.get_label()), _peak(axes, line)) for line in axes.lines]
     beyond = [f"{label} {peak:.3g}" for label, peak in peaks if peak > top and not label.startswith("_")]
@@ -146,7 +146,7 @@ def end_at(axes: Axes, top: float, *, bottom: float = 0.0) -> None:
 
 
 def _peak(axes: Axes, line: Line2D) -> float:
-    """The largest value of a line; none of one that is no value, as an upright line at an event."""
+    """Largest value of a line; -inf for vertical lines, which mark events."""
     values = np.asarray(line.get_ydata(), dtype=np.float64)
     counts = np.isfinite(values) & line.get_transform().contains_branch_seperately(axes.transData)[1]
     return float(np.max(values[counts], initial=-math.inf))

@@ -81,7 +81,7 @@ def write_results(outcome: Outcome, folder: Path) -> list[Path]:
 
 
 def write_figures(figures: Mapping[str, Figure], folder: Path, title: str) -> list[Path]:
-    """Write figures as PNG and PDF, and a paragraph for each into captions.md, after what they are of."""
+    """Write figures as PNG and PDF, and captions.md with a paragraph for each; `title` is that of the problem."""
     from rehab_opt.session.drawing import fitted, styled  # noqa: PLC0415  (loads matplotlib)
 
     captions, written = folder / CAPTIONS, list[Path]()
