@@ -17,7 +17,7 @@ from tests.judge.numbering import Runs, judging
 from tests.judge.ur5_numbers import frames
 from tests.judge.verdict import Verdict
 
-GUARANTEES = ("G25",)
+GUARANTEES = ("G10",)
 LEAST = {"status ok": 141_000, "status unreachable": 28_000, "status holding": 2000, "range regular": 100_000,
          "range restricted": 66_000, "followed": 66_000}  # fmt: skip
 CI_TICKS = 300

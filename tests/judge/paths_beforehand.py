@@ -19,7 +19,7 @@ from tests.judge.references import good_posture, reaches
 from tests.judge.ur5_numbers import LIMIT, tool, turn_between
 from tests.judge.verdict import Verdict
 
-GUARANTEES = ("G25",)
+GUARANTEES = ("G10",)
 LEAST = {
     "along a path": 100_000, "along a path, out of reach": 1000, "along a path, the wrist near stretched": 20_000,
 }  # fmt: skip
