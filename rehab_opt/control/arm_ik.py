@@ -1,7 +1,4 @@
-"""Inverse kinematics of a limb within its joint limits: the posture of least cost with the hand at a target.
-
-The results are a posture or a path of postures, with status and residuals.
-"""
+"""Inverse kinematics of a limb within its joint limits: find the posture of least cost with the hand at a target."""
 
 from __future__ import annotations
 
@@ -55,35 +52,32 @@ class IKSolution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class IKPath:
-    """Postures along a path, one row per sample."""
+    """Postures along a path of N samples: errors and tilts are (N,) in m and rad."""
 
     q: Array
     """(N, n) [rad]"""
     status: list[Status]
     position_error: Array
-    """(N,) [m]"""
     handle_tilt: Array
-    """(N,) [rad]"""
     residual: Array
-    """(N,)"""
     seconds: Array
-    """(N,) [s] computing time of each sample."""
+    """(N,) [s] computing time."""
     reason: list[str]
 
     @property
     def max_step(self) -> float:
-        """[rad] Largest change of a joint between two samples; a jump to another branch makes it large."""
+        """[rad] Largest joint change between two consecutive samples; large where the path jumps to another branch."""
         return float(self.steps.max(initial=0.0))
 
     @property
     def steps(self) -> Array:
-        """(N - 1,) [rad] largest change of a joint from each sample to the next."""
+        """(N - 1,) [rad] largest joint change from each sample to the next."""
         changes: Array = np.abs(np.diff(self.q, axis=0)).max(axis=1, initial=0.0)
         return changes
 
     @classmethod
     def of(cls, solutions: list[IKSolution], seconds: list[float], n: int) -> IKPath:
-        """Collect the answers along a path of an arm with n joints."""
+        """Collect the answers of an arm with n joints."""
         return cls(
             q=np.array([each.q for each in solutions]).reshape(-1, n),
             status=[each.status for each in solutions],
@@ -103,11 +97,11 @@ class IKPath:
 Array = NDArray[np.float64]
 
 JUMP = 0.3
-"""[rad] Change of a joint between two samples above which other postures are tried."""
+"""[rad] Joint change between two samples above which other postures are tried."""
 
 
 class _Question(NamedTuple):
-    """Target (3,) [m] of one sample, posture cost, and start posture."""
+    """Target (3,) [m], posture cost and start posture of one sample."""
 
     target: Array
     goal: Array
@@ -117,28 +111,26 @@ class _Question(NamedTuple):
 
 
 class ArmIK(OneThread):
-    """Posture of least cost with the hand at a position, the handle upright and every joint inside its limits.
+    """Find the posture of least cost with the hand at a position, the handle upright and every joint inside its limits.
 
         minimise posture cost(q)  s.t.  p(q) = position,  x_n(q) . z_0 >= cos(handle_tilt),  lower <= q <= upper
 
-    Fallback chain: our SQP from several starts; the backup solver; where the position cannot be reached, the posture
-    with the hand nearest to it. `solve` and `follow` accept any numbers; q is always finite and inside its limits. It
-    keeps no state between calls. One thread at a time may use it; a second one gets a `SharingError`. Copies and
-    pickles are independent.
+    Here p is the hand position, x_n the handle's axis and z_0 the vertical. If the position is unreachable, the result
+    is the posture whose hand is nearest to it. `solve` and `follow` accept any numbers; q is always finite and inside
+    its limits. A second thread that uses the object at the same time gets a `SharingError`.
 
     Parameters
     ----------
-    arm : any chain; the handle is the last frame's x axis. Locked joints are left out.
-    handle_tilt : [rad] 0 to pi, largest angle between the handle and +z0; None for no such constraint. Below 1e-5 the
-        handle is aligned exactly. The default is 2 deg: exact alignment empties the restricted workspace (math.md, 1).
+    arm : any chain; the handle is the x axis of its last frame. Locked joints do not move.
+    handle_tilt : [rad] largest angle between handle and +z0, from 0 to pi; None for no limit. Below 1e-5 the handle is
+        aligned exactly, which leaves the restricted workspace empty.
     posture_cost : weights of `PostureCost`.
     rest : (n,) [rad] rest posture; None for the arm's own.
     solver, backup : "sqp" (ours, compiled), "sqpmethod", "ipopt", "fatrop".
     tolerance : largest certificate residual, in m, rad and scaled cost.
-    starts : number of starts of a cold solve; the best answer is kept.
-    nearest_starts : number of starts of the search for the nearest reachable position.
-    table_size : number of postures from which starts are picked; the first cold solve builds the table in a few tenths
-        of a second.
+    starts : number of start postures if `solve` gets no `start`.
+    nearest_starts : number of start postures in the search for the nearest reachable position.
+    table_size : number of postures from which the start postures are picked.
     compile : see `BufferedFunction`; a new geometry compiles once, in two seconds.
 
     Raises
@@ -193,13 +185,13 @@ class ArmIK(OneThread):
         return _rebuilt, (self.arm, self._arguments)
 
     def solve(self, position: ArrayLike, start: ArrayLike | None = None) -> IKSolution:
-        """Posture for one hand position.
+        """Find a posture for one hand position.
 
         Parameters
         ----------
         position : (3,) [m] in the base frame.
-        start : (n,) [rad] start of a local search, and previous posture for the costs of change. None searches from
-            several starts and keeps the best.
+        start : (n,) [rad] start of a local search, and previous posture for the costs of change; None tries several
+            starts.
 
         Raises
         ------
@@ -211,17 +203,12 @@ class ArmIK(OneThread):
             return self._answer(target, History(previous=q, origin=q))[0]
 
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
-        """Postures along a path; each search starts at the posture before.
+        """Find postures along a path; each search starts at the previous posture.
 
         Parameters
         ----------
         path : (N, 3) [m] hand positions in the base frame, in order.
-        start : (n,) [rad] posture before the first sample; None searches for the first one from several starts.
-
-        Returns
-        -------
-        One answer per sample. The path changes to another branch only if a posture cannot be continued; `max_step` and
-        `steps` show it.
+        start : (n,) [rad] posture before the first sample; None tries several starts for the first sample.
         """
         targets = _numbers("path", path, (-1, 3))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
@@ -250,7 +237,7 @@ class ArmIK(OneThread):
     def _answer(
         self, target: Array, history: History, multipliers: Array | float = 0.0, *, continuing: bool = False
     ) -> tuple[IKSolution, Array | float]:
-        """Run the fallback chain; also returns multipliers for the start of the next sample."""
+        """Run the fallback chain; return the solution and the multipliers from which the next sample starts."""
         search = self._search
         quadratic = self.cost.quadratic(history)
         start = history.previous
@@ -276,7 +263,7 @@ class ArmIK(OneThread):
         return self._second_stage(search, query, near)
 
     def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
-        """Search the nearest reachable position, which separates an unreachable target from a solver's failure."""
+        """Search the nearest reachable position, to separate an unreachable target from a solver failure."""
         nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"
@@ -307,7 +294,7 @@ class ArmIK(OneThread):
         q = search.still.copy()
         q[search.free] = answer.x
         error, tilt = answer.report.tolist()
-        if status is Status.UNREACHABLE:  # the search's goal may have been another
+        if status is Status.UNREACHABLE:  # the search's goal may differ from the target
             error = self._distance(q, query.target)
         cost = self._cost_of(q, query.quadratic)
         return IKSolution(q, status, error, tilt, answer.residual, answer.solver, answer.iterations, reason, cost)
@@ -335,7 +322,7 @@ class ArmIK(OneThread):
         return cost if self._search is None else cost + self._search.manipulability_cost(q[self._search.free])
 
     def _inside(self, q: Array) -> Array | None:
-        """`q` clipped to the limits; None if it is not finite."""
+        """`q` clipped to the joint limits; None if it is not finite."""
         if not np.isfinite(q).all():
             return None
         inside: Array = np.clip(q, self.arm.lower, self.arm.upper)

@@ -1,9 +1,9 @@
 """Plan postures of a person's arm along a whole recorded path of hand poses.
 
-An arm that always moves to the nearest posture may end at a limit where another posture could continue. Therefore many
-tracks of postures follow the path in parallel from different starts, and dynamic programming finds the best sequence: a
-knot that is reached gains 1, a change of posture costs `CHANGE` per radian. At a change the arm moves straight to the
-next posture, within its range (a box), while the recording waits.
+An arm that always moves to the nearest posture may end at a joint limit where another posture could continue. Many
+tracks of postures therefore follow the path from different starts, and dynamic programming finds the best sequence.
+Each reached knot gains 1; each change of posture costs `CHANGE` per radian. To change its posture, the arm moves
+straight through joint space while the recording waits.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Array = NDArray[np.float64]
 
 KNOTS = 120
 TRACKS, ENOUGH = (4, 100), 0.98
-"""Number of tracks, first and second attempt; fraction of reached knots below which the second follows."""
+"""Number of tracks in each attempt; the second follows if fewer knots than the fraction `ENOUGH` are reached."""
 FOUND, ROUNDS, STRIDE = 40, 5, 0.3
-"""Steps to the first knot, steps to each further one, and largest step [rad]."""
+"""Solver steps to the first knot, solver steps to each further knot, and largest step [rad]."""
 CHANGE = 0.5
-"""[knots/rad]"""
+"""[knots/rad] Cost of a change of posture."""
 JUMP = 0.4
-"""[rad] Difference between knots above which the posture counts as changed."""
+"""[rad] Joint difference between knots above which the posture counts as changed."""
 SPEED = 1.0
-"""[rad/s] Mean speed, in a change of posture, of the joint that moves furthest."""
+"""[rad/s] Mean speed of the joint that moves furthest during a change of posture."""
 STEP = 0.03
-"""[rad] Difference between samples above which the recording waits for the change of posture."""
+"""[rad] Joint difference between samples above which the recording waits for the change of posture."""
 NEAR, TURNED, TURN_LENGTH = 1e-3, math.radians(1.0), 0.1
-"""[m, rad] Tolerance of a reached pose, and [m/rad] weight of a rotation relative to a position."""
+"""[m, rad] Tolerances of a reached pose, and [m/rad] weight of a rotation relative to a position."""
 DAMPING, PULL = 1e-5, 1e-5
-"""[m^2] Damping of a step, and weight of the deviation from the line between knots [per rad^2]."""
+"""[m^2] Damping of a step, and [per rad^2] weight of the deviation from the straight line between knots."""
 
 
 class ArmPath(NamedTuple):
@@ -49,7 +49,7 @@ class ArmPath(NamedTuple):
     q: Array
     """(N, m) [rad] postures."""
     poses: Array
-    """(N, 4, 4) poses of the tool that the hand holds."""
+    """(N, 4, 4) poses of the tool in the hand."""
     twists: Array
     """(N, 6) [m/s, rad/s] mean over the previous tick; the first is zero."""
     reference_index: NDArray[np.int_]
@@ -57,7 +57,7 @@ class ArmPath(NamedTuple):
 
 
 def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:
-    """Postures of `arm`, which holds the tool with `grip` (4, 4), along tool poses (N, 4, 4) `dt` [s] apart."""
+    """Postures of `arm` along tool poses (N, 4, 4), `dt` [s] apart; it holds the tool with `grip` (4, 4)."""
     moves = Postures(replace(arm, tool=arm.tool @ grip))
     knots = np.unique(np.linspace(0, len(tools) - 1, KNOTS).astype(int))
     best = np.zeros((len(knots), arm.n))
@@ -71,7 +71,7 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
     begin = np.searchsorted(knots, np.arange(len(tools)), side="right") - 1
     after = np.minimum(begin + 1, len(knots) - 1)
     part = (np.arange(len(tools)) - knots[begin]) / np.maximum(knots[after] - knots[begin], 1)
-    part[np.append(changed, False)[begin]] = 0.0  # the posture stays until the knot at which it is another one
+    part[np.append(changed, False)[begin]] = 0.0  # the posture stays until it changes at the next knot
     about = best[begin] + part[:, None] * (best[after] - best[begin])
     q, parts, reference_index = moves.nearest(about, tools, rounds=2 * ROUNDS, pull=PULL)[0], [], []
     begun = 0
@@ -105,9 +105,8 @@ class Postures:
         )
 
     def nearest(self, q: Array, poses: Array, *, rounds: int, pull: float = 0.0) -> tuple[Array, Array]:
-        """Postures (M, m) nearest to the poses (M, 4, 4), starting at q; and their errors, 1 at the tolerance.
-
-        It takes Levenberg-Marquardt steps; a joint at a limit is held in a step that would pass the limit.
+        """Postures (M, m) nearest to the poses (M, 4, 4), found from q, and their errors; 1 is an error at the
+        tolerance.
         """
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         about, damping = q, np.full(len(q), DAMPING)
@@ -135,10 +134,7 @@ class Postures:
         return q, missing.max(axis=1)
 
     def tracks(self, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """(K, count, m) postures along K poses from random starts, and their errors (K, count).
-
-        Now and then a quarter of the tracks that miss are restarted at random.
-        """
+        """Postures (K, count, m) along K poses from random starts, and their errors (K, count)."""
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         found, missing = np.empty((len(poses), count, n)), np.empty((len(poses), count))
         q = rng.uniform(lower, upper, (count, n))
@@ -168,7 +164,7 @@ def _ways(here: Array, there: Array) -> Array:
 
 
 def _best_way(tracks: Array, missing: Array) -> NDArray[np.int_]:
-    """(K,) index of the best of the tracks (K, M, m) at each knot."""
+    """Index (K,) of the best of the tracks (K, M, m) at each knot."""
     gain = np.where(missing <= 1.0, 1.0, -0.01 * np.minimum(missing, 100.0) / 100.0)
     value, before = gain[0], np.zeros(missing.shape, dtype=int)
     for k in range(1, len(tracks)):

@@ -1,4 +1,4 @@
-"""Assistance with bounded force: the field's force within bounds for a person."""
+"""Assistance: the field's force, bounded so that it is safe for a person."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ __all__ = ["Assistance"]
 
 
 class Assistance(BoundedForce):
-    """Force on a hand [N] from a field, gated by a workspace, and bounded as in `BoundedForce`.
+    """Force on a hand [N] from a field, gated by a workspace and bounded as in `BoundedForce`.
 
-    In a therapy mode the desired force is zero inside the comfortable workspace: the force never grows there and is
-    exactly zero after force_limit / slew_limit seconds. Threads may share field and workspace.
+    In the therapy modes ("stretch", "assist", "resist") the desired force is zero inside the comfortable workspace.
+    There the delivered force never grows, and it is zero after at most force_limit / slew_limit seconds. Several
+    threads may share a field and a workspace.
 
     Parameters
     ----------
-    field : the field; `set_field` replaces it.
+    field : potential of the desired force; `set_field` replaces it.
     comfortable : workspace of the gate; not empty.
-    mode : "stretch", "assist", "resist", "follow", "hold": see `gated_force`.
+    mode : "stretch", "assist", "resist", "follow" or "hold", see `gated_force`.
     force_limit : [N] largest size of the force.
-    onset : [m] distance beyond the boundary over which a therapy's force grows; zero gives Eq. (23).
-    return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back to the workspace in "follow" and
-        "hold", see `gated_force`.
+    onset : [m] distance outside the boundary over which the force of a therapy mode grows; zero gives Eq. (23).
+    return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back into the workspace in the modes
+        "follow" and "hold", see `gated_force`.
     bounds : all other arguments of `BoundedForce`.
 
     Raises
@@ -72,14 +73,13 @@ class Assistance(BoundedForce):
                 force=checked_number("return_force", return_force, above=0.0),
             ),
         )
-        """`GATE` of this controller."""
         self._edges, self._compile = edge_columns(comfortable.polygon), bounds.get("compile")
         self._known: WeakKeyDictionary[PotentialField, tuple[DesiredForce, memoryview[float]]] = WeakKeyDictionary()
         self.set_field(field)
         super().__init__(self._desired, force_limit=force_limit, **bounds)
 
     def set_field(self, field: PotentialField) -> None:
-        """Replace the field, for example by that of the next target; the slew bound makes the change smooth."""
+        """Replace the field, for example for the next target; the slew limit makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
         self._refuse_others()
@@ -90,13 +90,13 @@ class Assistance(BoundedForce):
         self._by[0] = self._by[1] = 0.0
 
     def _gated(self, field: PotentialField) -> tuple[DesiredForce, memoryview[float]]:
-        """The desired force of a field, and a view of the field's offset [m]."""
+        """Desired force of a field, and a view of the field's offset [m]."""
         samples, in_blocks = arranged_samples(field.samples, compile=self._compile)
         statement = gated_force(len(self._edges), samples.shape[int(in_blocks)], in_blocks=in_blocks)
         function = BufferedFunction(statement, compile=self._compile)
         for held, values in zip(function.inputs[2:], (self.gate, self._edges, numbers_of(field), samples), strict=True):
             held[...] = values
-        # Views: assigning and reading through them costs half of numpy's.
+        # Memory views: twice as fast as numpy's indexing.
         hand, offset, force = (
             cast("memoryview[float]", array.data) for array in (*function.inputs[:2], function.outputs[0])
         )
@@ -110,10 +110,7 @@ class Assistance(BoundedForce):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on field, bounds and delay that do not fit together, with better values; see `settling_notes`.
-
-        Empty if every hand comes to rest.
-        """
+        """Warnings if field, bounds and delay do not fit together, with better values; see `settling_notes`."""
         field = self.field
         drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples
         stiffness = max(float(field.samples.stiffness.max()), drag)
@@ -123,14 +120,14 @@ class Assistance(BoundedForce):
 
     @property
     def offset(self) -> tuple[float, float]:
-        """[m] offset of the field from its original position."""
+        """Offset of the field from its original position [m]."""
         return self._by[0], self._by[1]
 
     def shift(self, dx: float, dy: float) -> None:
-        """Set the field's offset (dx, dy) [m] from its original position, for a moving target; `set_field` resets it.
+        """Set the field's offset (dx, dy) [m] from its original position, for a moving target.
 
-        Call it in every tick with a smooth motion; the force follows within its slew bound. A NaN offset releases the
-        force.
+        Call it in every tick with a smooth motion; the force follows within its slew limit. `set_field` resets the
+        offset. A NaN offset releases the force.
 
         Raises
         ------

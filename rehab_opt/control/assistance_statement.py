@@ -1,4 +1,4 @@
-"""The QP of one tick of assistance: the desired force within its ceiling and its slew bound, which are discs."""
+"""QP of one assistance tick: the desired force within two discs, one of the force limit and one of the slew limit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,20 @@ from rehab_opt.optim.rows import parameter, variable, within
 __all__ = ["EXACT", "TINY", "assistance_statement"]
 
 EXACT = 1 - 1e-12
-"""Target of shrinking, as a fraction of a bound, so that rounding does not pass the bound."""
+"""Target of shrinking, as a fraction of a bound, so that rounding does not violate the bound."""
 TINY = 1e-12
-"""[N] Largest force that counts as none."""
+"""[N] Largest force that counts as zero."""
 
 
 @cache
 def assistance_statement() -> Statement:
     """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step.
 
-    The parameters are the desired force (2,), which is within the ceiling, the ceiling, the step and the force limit.
-    The memory is the last force. Force limit, growth limit and energy tank determine the ceiling.
+    The parameters are the desired force (2,), the ceiling, the step and the force limit, all in N. Force limit, growth
+    limit and energy tank determine the ceiling; the desired force is within it. The memory is the last force.
 
-    The answer has a closed form: the desired force, or the point towards it on the circle of the slew bound, or, if the
-    ceiling fell below the last force, the intersection of both circles on the desired force's side. The rows are the
-    tangents of both discs there, so the multipliers certify the answer for the discs. A solver's answer outside the
-    discs is shrunk afterwards.
+    The rows are tangents of both discs at the closed-form answer, so the multipliers certify the answer for the discs.
+    A solver's answer outside the discs is shortened afterwards.
     """
     desired, last = parameter("desired", 2), parameter("last", 2)
     ceiling, step, force_limit = (parameter(name, 1) for name in ("ceiling", "step", "force_limit"))
@@ -46,7 +44,7 @@ def assistance_statement() -> Statement:
         ca.if_else(corner, _cross(lacks, caps) / turn, ca.norm_2(lacks)),
         ca.if_else(corner, _cross(slews, lacks) / turn, 0),
     )
-    # Shrinking to the limit keeps the slew bound: the last force is within the limit.
+    # Shortening to the force limit satisfies the slew limit, since the last force is within the force limit.
     sent = _within(last + _within(F - last, EXACT * step), EXACT * force_limit)
     return Statement(
         name="assistance",
@@ -66,7 +64,6 @@ def assistance_statement() -> Statement:
 
 
 def _within(vector: ca.SX, radius: ca.SX) -> ca.SX:
-    """The vector, shortened to at most `radius`."""
     return vector * ca.fmin(1, radius / ca.fmax(ca.norm_2(vector), TINY))
 
 

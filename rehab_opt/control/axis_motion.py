@@ -1,4 +1,4 @@
-"""Independent axes: bounds, motion in pieces of constant jerk, position range and time-optimal stop."""
+"""Motion of independent axes in pieces of constant jerk: bounds, position range and time-optimal stop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_AXES = 10_000
 
 
 class AxisBounds(NamedTuple):
-    """Bounds of n independent axes, each (n,) in u, u/s, u/s^2 and u/s^3 with u = rad or m."""
+    """Bounds of n independent axes, each (n,), in u, u/s, u/s^2 and u/s^3; u is rad or m."""
 
     lower: list[float]
     upper: list[float]
@@ -37,7 +37,7 @@ def axis_bounds(
     jerk: ArrayLike,
     axes: int | None = None,
 ) -> AxisBounds:
-    """Checked bounds from a caller's; a scalar applies to all axes, None means no bound."""
+    """Check the bounds; a scalar applies to all axes, None means no bound."""
     given = {
         "lower": -math.inf if lower is None else lower,
         "upper": math.inf if upper is None else upper,
@@ -59,7 +59,7 @@ def axis_bounds(
 
 
 class Piece(NamedTuple):
-    """An interval of constant jerk and the state at its start; u = rad or m."""
+    """An interval of constant jerk and the state at its start; u is rad or m."""
 
     seconds: float
     position: float
@@ -73,49 +73,46 @@ class Piece(NamedTuple):
         return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
     def turns(self) -> list[float]:
-        """Times within the piece [s] of zero velocity: roots of v + a t + j t^2 / 2."""
+        """Times [s] within the piece at which the velocity is zero: roots of v + a t + j t^2 / 2."""
         _, _, v, a, j = self
         discriminant = a * a - 2.0 * j * v
         if not discriminant >= 0.0:
             return []
-        q = -(a + math.copysign(math.sqrt(discriminant), a))  # no difference of nearly equal numbers
+        q = -(a + math.copysign(math.sqrt(discriminant), a))  # avoids the difference of nearly equal numbers
         roots = [q / j] if j else []
         roots += [2.0 * v / q] if q else []
         return [t for t in roots if 0.0 < t < self.seconds]
 
 
 def position_range(pieces: Sequence[Piece]) -> tuple[float, float]:
-    """Smallest and largest position [u] of a motion: at its ends or at reversals."""
+    """Smallest and largest position [u] of a motion; each is at an end of a piece or at a reversal."""
     positions = [piece.after(t)[0] for piece in pieces for t in (0.0, *piece.turns(), piece.seconds)]
     return min(positions), max(positions)
 
 
 def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
-    """Stopping distance [u] of an axis at constant `speed` [u/s], with the sign of the speed."""
+    """Signed stopping distance [u] of an axis at constant `speed` [u/s]."""
     v = abs(speed)
     seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
     return 0.5 * speed * seconds
 
 
 def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
-    """Smallest and largest position [u] of one axis of a Ruckig profile, whose own `extent` is wrong in some cases.
+    """Smallest and largest position [u] of one axis of a Ruckig profile, also where Ruckig's own `extent` is wrong.
 
-    If an axis reverses at constant acceleration (second or sixth piece, or initial braking), Ruckig considers only the
-    ends of that piece.
+    If an axis reverses at constant acceleration, Ruckig considers only the ends of that piece.
     """
     v = profile.v
     if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
         return extent.min, extent.max
     parts = (profile.brake, profile) if profile.brake.duration > 0.0 else (profile,)
-    # Of position, velocity and acceleration the profile also holds the end; in a piece of no duration, anything.
+    # The profile's states also include the end; the state of a piece without duration is undefined.
     pieces = [Piece(*piece) for part in parts for piece in zip(part.t, part.p, part.v, part.a, part.j, strict=False)]
     return position_range([piece for piece in pieces if piece.seconds > 0.0])
 
 
 class AxisStop:
     """Time-optimal stop of one axis: the acceleration ramps to its bound, stays there, and ramps to zero.
-
-    It needs no planner, so it also works if the planner fails.
 
     Parameters
     ----------
@@ -126,17 +123,17 @@ class AxisStop:
     __slots__ = ("_pieces", "highest", "lowest", "seconds")
 
     lowest: float
-    """[u]"""
+    """[u] Smallest position during the stop, ends included."""
     highest: float
-    """[u] Smallest and largest position during the stop, ends included."""
+    """[u] Largest position during the stop, ends included."""
     seconds: float
-    """[s] until the axis rests."""
+    """[s] Time until the axis rests."""
 
     def __init__(self, position: float, velocity: float, acceleration: float, *, most: float, jerk: float) -> None:
         v, a = velocity, acceleration
-        onward = v + a * abs(a) / (2.0 * jerk)  # the velocity when the acceleration has been taken away
+        onward = v + a * abs(a) / (2.0 * jerk)  # velocity once the acceleration is zero
         way = -1.0 if onward > 0.0 else 1.0
-        v, a = -way * v, -way * a  # as if it had to slow down from a positive velocity
+        v, a = -way * v, -way * a  # the axis is mirrored so that it brakes from a positive velocity
         peak = math.sqrt(max(jerk * v + a * a / 2.0, 0.0))
         held = 0.0
         if peak > most:
@@ -151,7 +148,7 @@ class AxisStop:
         self.lowest, self.highest = position_range(self._pieces)
 
     def at(self, t: float) -> tuple[float, float, float]:
-        """Position, velocity, acceleration after `t` seconds [u, u/s, u/s^2]; at rest after the end."""
+        """Position, velocity and acceleration `t` seconds after the stop began [u, u/s, u/s^2]."""
         for piece in self._pieces:
             if t < piece.seconds:
                 return piece.after(t)

@@ -28,30 +28,30 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NO_TURN = 1e-300
-"""[rad] Replaces a zero angle in a quotient."""
+"""[rad] Replaces an angle of zero in a quotient."""
 
 _numbers = Evaluator()
 
 
 def turn_between(a: Array, b: Array) -> Array:
-    """(3,) rotation vector [rad] in the base frame from the axes of pose a to those of b."""
+    """Rotation vector (3,) [rad], in the base frame, from the axes of pose a to those of pose b."""
     return _numbers.of(_turn, a[:3, :3], b[:3, :3])
 
 
 def turned(rotation: Array, vector: Array) -> Array:
-    """`rotation` (3, 3) rotated by a rotation vector in the base frame (Rodrigues)."""
+    """`rotation` (3, 3) rotated by a rotation vector in the base frame, after Rodrigues."""
     return _numbers.of(_turned, rotation, vector)
 
 
 # ------------------------------------------------------------------------------------------------- as functions
 def rigid_function() -> ca.Function:
-    """Function: pose, all 16 entries -> `is_rigid`."""
+    """CasADi function `is_rigid` of a pose with all 16 entries."""
     pose = ca.SX.sym("pose", 16)
     return ca.Function("rigid", [pose], [is_rigid(ca.reshape(pose, 4, 4).T)], {"cse": True})
 
 
 def moving_tool_function(chain: SerialChain) -> ca.Function:
-    """Function: joint positions and velocities (n,) -> pose of a chain's tool, all 16 entries, and its twist (6,)."""
+    """CasADi function from joint positions and velocities (n,) to the tool's pose (16 entries) and twist (6,)."""
     q, velocity = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n)
     pose, twist = chain.pose_expression(q), chain.jacobian_expression(q) @ velocity
     return ca.Function("moving_tool", [q, velocity], [ca.densify(ca.vec(pose.T)), ca.densify(twist)], {"cse": True})
@@ -59,12 +59,12 @@ def moving_tool_function(chain: SerialChain) -> ca.Function:
 
 # -------------------------------------------------------------------------------------------------- expressions
 def distance_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """[m] between the origins of two poses, columns of at least 12 entries."""
+    """Distance [m] between the origins of two poses, columns of at least 12 entries."""
     return ca.norm_2(a[[3, 7, 11]] - b[[3, 7, 11]])
 
 
 def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """[rad] angle between two poses, columns of at least 12 entries, from the trace, to 1e-7."""
+    """Angle [rad] between two poses, columns of at least 12 entries; computed from the trace, to 1e-7."""
     trace = ca.SX(0)
     for i in (0, 1, 2, 4, 5, 6, 8, 9, 10):
         trace += a[i] * b[i]
@@ -72,13 +72,13 @@ def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
-    """Rotation (9,), row by row, at this fraction of the rotation from the first to the second of two poses (12,)."""
+    """Rotation (9,), row by row, at a `fraction` of the rotation from pose a (12,) to pose b (12,)."""
     one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
     return ca.vec(_turned(one, fraction * _turn(one, other)).T)
 
 
 def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:
-    """Duration [s] and constant twist (6,) of the motion between two poses (12,) within these speeds."""
+    """Duration [s] and constant twist (6,) of a motion from pose a (12,) to pose b (12,) within the two speeds."""
     one, other = _by_rows(a), _by_rows(b)
     shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
     seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)

@@ -1,13 +1,15 @@
-"""Helper and participant at one task, each in their own workspace: sections V and VII-C, Rossa et al.
+"""A helper and a participant share one task, each in their own workspace: sections V and VII-C, Rossa et al.
 
-The map takes the helper's hand x_h to g(x_h), and a spring pulls the participant's hand there. The participant's force
-returns as J(x_h)' F, with the map's Jacobian J, so that power is the same on both sides. Each side has its own force
-bounds and energy tank; the sides exchange messages, which may be delayed. A tank sends a fraction of its energy with
-every message and adds the received energy, so that the work of one hand can move the other. For any delay and any
-motion of the hands, no more energy leaves than the tanks contained at first and the hands put in since. Messages are
-numbered: a duplicate, or one after a later one, is ignored, so that no energy counts twice; the energy of a lost
-message is lost. A message whose number leaps by more than 100 is ignored until its successor arrives. So a corrupted
-number blocks nothing, and after a long interruption the second message counts again.
+A map g takes the helper's hand position x_h to the participant's workspace, and a spring pulls the participant's hand
+to g(x_h). The participant's force F returns to the helper as J(x_h)' F with the map's Jacobian J, so the power is the
+same on both sides.
+
+Each side has its own force bounds and energy tank. The sides exchange messages, which may be delayed or lost. Every
+message transfers a fraction of the sender's tank, so that the work of one hand can move the other. In sum the forces
+deliver at most the tanks' initial energy plus the work of the hands.
+
+Messages are numbered. A duplicate, or a message older than the last one, is ignored, so energy never counts twice. A
+number that leaps by more than 100 counts only once its successor arrives.
 """
 
 from __future__ import annotations
@@ -28,21 +30,21 @@ __all__ = ["Bilateral", "BilateralCommand"]
 
 
 class BilateralCommand(NamedTuple):
-    """The forces of both sides."""
+    """Forces of both sides."""
 
     helper: Command
     participant: Command
 
 
 class Bilateral(OneThread):
-    """Both sides in one process with a delay between them, for simulation, or for two robots on one computer.
+    """Both sides in one process with a delay between them, for simulation or for two robots on one computer.
 
-    An object belongs to one thread, see `OneThread`, and so do its sides.
+    The object and its sides belong to one thread, see `OneThread`.
 
     Parameters
     ----------
     helper, participant : the sides, with equal `dt`.
-    delay : [s] one way, rounded to whole ticks; the attribute `delay` is the rounded value.
+    delay : [s] one way; the attribute `delay` is this value rounded to whole ticks.
 
     Raises
     ------
@@ -63,7 +65,7 @@ class Bilateral(OneThread):
         self.reset()
 
     def reset(self) -> None:
-        """Reset both sides; no message is under way."""
+        """Reset both sides and discard the messages under way."""
         self._claim()
         self.helper.reset()
         self.participant.reset()
@@ -73,7 +75,7 @@ class Bilateral(OneThread):
 
     @property
     def under_way(self) -> tuple[FromParticipant | None, FromHelper | None]:
-        """Messages that the helper's and the participant's side receive in the next tick."""
+        """Messages that the helper's side and the participant's side receive in the next tick."""
         return self._back[0], self._there[0]
 
     def step(
@@ -85,10 +87,7 @@ class Bilateral(OneThread):
         *,
         enable: object = True,
     ) -> BilateralCommand:
-        """Forces for the helper's hand (2,) [m] in their workspace and the participant's (2,) [m] in theirs.
-
-        A message takes the delay and one tick. Invalid arguments raise an error before any state changes.
-        """
+        """Forces for the helper's hand (2,) [m] and the participant's hand (2,) [m], each in their own workspace."""
         if self._owner != get_ident():
             self._claim()
         x, y = real_numbers("helper", helper, (2,)), real_numbers("participant", participant, (2,))

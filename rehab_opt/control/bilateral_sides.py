@@ -1,4 +1,4 @@
-"""One side of helper and participant at one task: its bounded force, and its messages to the other side."""
+"""One side of a shared task of helper and participant: its bounded force and its messages to the other side."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ __all__ = ["FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
 Array = NDArray[np.float64]
 NO_FORCE = (math.nan, math.nan)
 POINT = 0.01
-"""[m] Width of a field of one point, where it has no effect."""
+"""[m] Width of the one-point field where that field has no effect."""
 
 
 class FromHelper(NamedTuple):
-    """Message of the helper's side: hand position [m], sent energy [J], and serial number."""
+    """Message of the helper's side: hand position [m], energy sent [J], serial number."""
 
     x: float
     y: float
@@ -42,7 +42,7 @@ class FromHelper(NamedTuple):
 
 
 class FromParticipant(NamedTuple):
-    """Message of the participant's side: hand position [m], force on it [N], sent energy [J], serial number."""
+    """Message of the participant's side: hand position [m], force on the hand [N], energy sent [J], serial number."""
 
     x: float
     y: float
@@ -53,21 +53,17 @@ class FromParticipant(NamedTuple):
 
 
 class _Messages:
-    """Received and sent messages of a side.
-
-    `reset` keeps the serial numbers; otherwise a message from before the reset could count twice.
-    """
+    """Received and sent messages of a side; `reset` keeps the serial numbers, so that no message counts twice."""
 
     def __init__(self, force: BoundedForce, exchange: float) -> None:
         self._force = force
         self.fraction = min(checked_number("exchange", exchange, above=-1e-12, below=1e4) * force.dt, 1.0)
-        """Fraction of the energy that is sent with a message."""
+        """Fraction of the tank's energy that each message transfers."""
         self.numbers: Array = np.zeros(NUMBERS.size)
-        """`NUMBERS`"""
         self._hear, self._say = (BufferedFunction(part(force.slots)) for part in (hear, say))
 
     def hear(self, *message: float) -> Array:
-        """Process a message (energy, serial, two more numbers); returns those two numbers, see `force_tick.hear`."""
+        """Process a message (energy, serial, two numbers) and return the two numbers, see `force_tick.hear`."""
         force = self._force
         if force._owner != get_ident():
             force._refuse_others()
@@ -77,7 +73,7 @@ class _Messages:
         return told
 
     def say(self) -> list[float]:
-        """Message (`MESSAGE`) after a tick."""
+        """Message (`MESSAGE`) to send after a tick."""
         force = self._force
         given = force.model, force._watched, force._force, self.fraction, force._view, self.numbers
         force._watched[:] = self._say.of(*given)
@@ -86,14 +82,14 @@ class _Messages:
 
 
 class ParticipantSide(OneThread):
-    """Pulls the participant's hand to the image of the helper's, inside the participant's comfortable workspace.
+    """Pull the participant's hand to the image of the helper's hand, inside the participant's comfortable workspace.
 
-    An object belongs to one thread, see `OneThread`; the other side may run in another one, with the same map.
+    An object belongs to one thread, see `OneThread`. The other side may run in another thread with the same map.
 
     Parameters
     ----------
     workspace_map : from the helper's workspace to the participant's.
-    comfortable : of the participant; outside it there is a bounded pull back, see `Assistance`.
+    comfortable : workspace of the participant; outside it a bounded force pulls the hand back, see `Assistance`.
     stiffness, damping : [N/m], [N s/m] of the spring.
     exchange : [1/s] fraction of the tank's free energy that is sent per second.
     force_limit : [N]. bounds : see `BoundedForce`.
@@ -126,9 +122,10 @@ class ParticipantSide(OneThread):
         self.reset()
 
     def reset(self) -> None:
-        """No force, a full tank, no message received.
+        """Set the force to zero, fill the tank and forget all messages.
 
-        Serial numbers continue. If the other side is a new object, whose numbers restart, make this side anew, too.
+        Serial numbers continue, but restart with a new object. If one side is a new object, replace the other side,
+        too.
         """
         self._claim()
         self.force.reset()
@@ -144,10 +141,7 @@ class ParticipantSide(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> tuple[Command, FromParticipant]:
-        """Force on the participant's hand at x (2,) [m], and the message to the helper; see `BoundedForce.step`.
-
-        Without a new message the force is released, inside the workspace and outside it.
-        """
+        """Force on the participant's hand at x (2,) [m], zero without a new message, and the message to the helper."""
         if self._owner != get_ident():
             self._claim()
         target: tuple[float, ...] = NO_FORCE
@@ -161,15 +155,13 @@ class ParticipantSide(OneThread):
 
 
 class HelperSide(OneThread):
-    """Renders the participant's force to the helper through the map's J(x_h)', inside the map's source.
-
-    An object belongs to one thread, see `OneThread`.
+    """Render the participant's force to the helper as J(x_h)' F, inside the map's source workspace.
 
     Parameters
     ----------
-    workspace_map, exchange, force_limit, bounds : as `ParticipantSide`.
+    workspace_map, exchange, force_limit, bounds : as in `ParticipantSide`.
     damping : [N s/m] of the helper's hand.
-    return_stiffness, return_force : [N/m, N] outside the map's source.
+    return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back into the map's source workspace.
 
     Raises
     ------
@@ -194,7 +186,6 @@ class HelperSide(OneThread):
             stiffness=checked_number("return_stiffness", return_stiffness, above=0.0),
             force=checked_number("return_force", return_force, above=0.0),
         )
-        """`PULL_BACK` outside the map's source."""
         edges = edge_columns(workspace_map.source.polygon)
         function = BufferedFunction(reflected_force(len(edges)), compile=bounds.get("compile"))
         self._hand, self._jacobian, self._felt, *held = function.inputs
@@ -205,7 +196,7 @@ class HelperSide(OneThread):
         self._messages = _Messages(self.force, exchange)
 
     def reset(self) -> None:
-        """No force, a full tank, no message received; see `ParticipantSide.reset`."""
+        """Set the force to zero, fill the tank and forget all messages; see `ParticipantSide.reset`."""
         self._claim()
         self.force.reset()
         self._felt[:] = math.nan
@@ -214,9 +205,8 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """(2,) [m] last received participant's hand in the helper's workspace (inverse map); NaN if there is none.
-
-        For displays; it takes a Newton solve.
+        """Last received hand (2,) [m] of the participant in the helper's workspace; NaN if there is none. Takes a
+        Newton solve.
         """
         return self.workspace_map.preimage(_floats(*self._partner))
 
@@ -229,10 +219,7 @@ class HelperSide(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> tuple[Command, FromHelper]:
-        """Force on the helper's hand at x (2,) [m], and the message to the participant's side.
-
-        Without a new message the force is released, inside the workspace and outside it.
-        """
+        """Force on the helper's hand at x (2,) [m], zero without a new message, and the message to the participant."""
         if self._owner != get_ident():
             self._claim()
         self._felt[:] = math.nan

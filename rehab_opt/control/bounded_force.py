@@ -1,4 +1,4 @@
-"""Force on a hand: the desired force within bounds for a person."""
+"""Force on a hand: the desired force, bounded so that it is safe for a person."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ Array = NDArray[np.float64]
 
 _FLOATS = np.dtype(np.float64)
 _NAN, _new, _read_only = math.nan, tuple.__new__, np.frombuffer
-_BOUNDS = tuple(Relaxed(i) for i in range(16))  # looked up, since making an IntFlag costs half a microsecond
+_BOUNDS = tuple(Relaxed(i) for i in range(16))  # a table, since making an IntFlag costs half a microsecond
 _REASON, _PLACE = VIEW["reason"], STAMPS.size + HAND["x"]
 NOISE_PEAK = 6.0
 """Largest displacement by noise between two samples, in standard deviations of one coordinate."""
 
 
 class ForceBounds(TypedDict, total=False):
-    """Options that are passed on to `BoundedForce`."""
+    """Options that are passed to `BoundedForce`."""
 
     slew_limit: float
     growth_limit: float
@@ -72,45 +72,35 @@ class BoundedForce(OneThread):
     s.t. |F - F_last| <= slew_limit dt,
          |F| <= min(force_limit, largest recent force + growth_limit dt, force that the energy tank affords)
 
-    The force bound always holds exactly. The slew bound holds except in a flagged release (`Relaxed.SLEW`): the force
-    is zero at once if the hand is faster than `speed_cap`, or if the remaining energy does not allow a release within
-    the slew bound. The delivered energy stays within the budget if the hand stays below the speed cap and ticks come
-    within `max_age`; a faster hand can draw more once, before the release: at most the force limit times its jump.
-    After a missing answer, an invalid sensor value, a stale stamp or a released dead man's switch, the force falls to
-    zero within the slew bound; an unknown state gets no force. If the remaining energy limits the force, the reason
-    says so.
+    The force limit always holds exactly. The slew limit holds except in a release flagged `Relaxed.SLEW`: the hand is
+    faster than `speed_cap`, or the energy is too small for a slower release. The delivered energy stays within the
+    budget if the hand stays below the speed cap and ticks come within `max_age`. A faster hand can once draw the force
+    limit times its jump.
 
-    It does not detect sensor errors smaller than a possible motion within a tick, or late ticks without stamps. A jump
-    after invalid samples, or after a possibly frozen sensor, counts as motion over that whole time; its energy stays
-    within the budget, too.
-
-    An object belongs to one thread: see `OneThread`.
+    The force falls to zero within the slew limit if the solver has no answer, a sensor value is invalid, a stamp is
+    stale or `enable` is released. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
     desired_force : function of x, y [m] and velocity [m/s] -> desired force [N], unbounded and possibly NaN.
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change per nominal tick, as the length of a vector. It must be large enough for the force
-        to follow and damp oscillations, see `rehab_opt.field.settling`.
-    growth_limit : [N/s] largest growth rate of the force above its recent maximum, a memory that decreases by
-        force_limit / 2 per second. Below the recent maximum only the slew limit applies. A growth limit of the slew
-        limit or more has no effect.
+        to damp oscillations, see `rehab_opt.field.settling`.
+    growth_limit : [N/s] largest growth rate of the force above its recent maximum, which decreases by force_limit / 2
+        per second.
     energy_budget : [J] net energy that may be delivered to the hand until `reset`; see `EnergyTank`.
     speed_cap : [m/s] hand speed above which the force is released.
     actuation_delay : [s] sum of the delays from a command to its force and from a position to `step`.
-    actuation_lag : [s] time constant at which the acting force follows.
+    actuation_lag : [s] time constant at which the acting force follows the command.
     actuation_uncertainty : [s] by which delay and lag may each be larger. The energy count considers all forces of the
-        last delay + 5 lag (18 ms by default), see `EnergyTank`. If all three are zero (ideal plant), it considers the
-        last command.
+        last delay + 5 lag, see `EnergyTank`. If delay, lag and uncertainty are all zero, it considers only the last
+        command.
     position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
-        learnt within 0.2 s, up to 1.2 mm. A hand that keeps moving above the speed cap is then detected by its
-        estimated velocity, once that exceeds the cap by the jump over `velocity_lag`. The energy count treats noise as
-        motion and is wrong if the force depends on a noisy velocity: pass a filtered one.
-    velocity_lag : [s] lag of the velocity that is estimated if none is passed: two low-passes with half of it each. The
-        total lag is half a tick more.
-    trust_stillness : accept exactly repeated positions. A frozen sensor looks the same, so by default energy is
-        reserved meanwhile, and the force falls if none is left. A hand whose encoder changes by a count now and then is
-        not affected.
+        learnt within 0.2 s, up to 1.2 mm. The energy count treats noise as motion. If the force depends on the
+        velocity, pass a filtered velocity; with a noisy one the energy count is wrong.
+    velocity_lag : [s] lag of the velocity that is estimated if none is passed; half a tick is added.
+    trust_stillness : accept exactly repeated positions. By default they count as a possibly frozen sensor: energy is
+        reserved meanwhile, and the force falls if none is left.
     dt : [s] nominal tick. solver, backup, tolerance, compile : see `FallbackChain`. max_age : [s] see `Watchdog`.
 
     Raises
@@ -173,7 +163,7 @@ class BoundedForce(OneThread):
         self._late_by = {"delay": delay + self.dt, "lag": lag, "velocity_lag": velocity_lag}
         window = delay + more + TAIL * (lag + more)
         self.slots = SLOTS if window > 0.0 else 1
-        """Number of time slots of forces under way."""
+        """Number of time slots for forces that have been commanded and may still act."""
         self.stated = self.statement()
         self._inside = solver == FUSED and not FallbackChain.is_recorded()
         """Whether the QP is solved inside the tick; a recorder needs it outside."""
@@ -203,7 +193,6 @@ class BoundedForce(OneThread):
             learns=position_noise is None,
             tolerance=tolerance,
         )
-        """`MODEL` of this controller."""
         tick, force = force_tick(self.slots), np.zeros(2)
         self._judge = judge = BufferedFunction(tick.judge, compile=compile, inputs={2: force})
         _, watched, _, sample = judge.inputs
@@ -219,7 +208,7 @@ class BoundedForce(OneThread):
         at = watched_record(self.slots)["tank"]
         self._level, self._pending = (at + tank_record(self.slots)[name] for name in ("level", "pending"))
         self._watched, self._force = watched, force
-        # Views of views: reading and assigning through them costs half of numpy's.
+        # Memory views: twice as fast as numpy's indexing.
         self._now, self._next, self._sample, self._view = map(_view, (watched, watched_next, sample, view))
         self._held, self._desired_view, self._solved = map(_view, (force, desired, solved))
         self.reset()
@@ -234,7 +223,7 @@ class BoundedForce(OneThread):
         Parameters
         ----------
         energy : whether to refill the tank.
-        force : (2,) [N] current force on the hand, zero by default; it is released if the energy does not allow it.
+        force : (2,) [N] force that currently acts on the hand. It is released if the energy does not allow it.
 
         Raises
         ------
@@ -253,7 +242,7 @@ class BoundedForce(OneThread):
         self._give_away()
 
     def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """`watched_record` before the first sample: full tank, and the force [N] that acts."""
+        """`watched_record` before the first sample: a full tank, and `force` [N] acts."""
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
         told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
@@ -268,16 +257,16 @@ class BoundedForce(OneThread):
 
     @property
     def energy_left(self) -> float:
-        """[J] energy that may certainly still be delivered."""
+        """[J] Energy that may still be delivered, by the most cautious estimate."""
         return self._now[self._level] - self._now[self._pending]
 
     @property
     def place(self) -> tuple[float, float]:
-        """[m] hand position in the last `valid` tick; NaN before the first."""
+        """[m] Hand position in the last `valid` tick; NaN before the first."""
         return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, fraction: float) -> float:
-        """[J] Take a fraction of the tank's free energy for another tank.
+        """Take a fraction of the tank's free energy for another tank and return that energy [J].
 
         Raises
         ------
@@ -290,7 +279,7 @@ class BoundedForce(OneThread):
         return float(self._give.outputs[1][0])
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
-        """The QP for a hand at x (2,) with velocity v (2,), the last force and the current energy, for inspection."""
+        """QP for a hand at x (2,) with velocity v (2,), at the last force and the current energy, for inspection."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
         ceiling, left, grown = self._affordable.of(self.model, self._watched, self._force)
         view = VIEW.numbers(
@@ -309,16 +298,14 @@ class BoundedForce(OneThread):
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """Force (2,) [N] to hold until the next tick.
-
-        Numbers raise no error: an invalid state gives a release and a reason.
+        """Compute the force (2,) [N] to hold until the next tick; an invalid state gives a release and a reason.
 
         Parameters
         ----------
         x : (2,) [m] current hand position.
         v : (2,) [m/s] hand velocity; estimated from the positions by default.
         enable : dead man's switch; anything but True releases the force.
-        stamp : time of the position [s]; checked by the watchdog when given.
+        stamp : [s] time of the position; the watchdog checks it.
 
         Raises
         ------
@@ -344,14 +331,14 @@ class BoundedForce(OneThread):
                 self._desired_view[0], self._desired_view[1] = x_wanted, y_wanted
             except (OverflowError, ValueError):  # an integer too large for a float
                 self._desired_view[0] = _NAN
-        if self._inside:  # the usual way, without the layers of Python
+        if self._inside:  # the usual case: one compiled call
             self._conclude.evaluate()
             if self._solved[0] == 0.0:
                 return self._command(self._solved, FUSED_SOLVERS)
         return self._by_other_solvers()
 
     def _by_other_solvers(self) -> Command:
-        """The tick with the QP solved outside."""
+        """Run the tick with the QP solved outside of it."""
         solvers, precompute, finish, solver = self._solvers, self._precompute, self._finish, ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
         precompute.evaluate()
@@ -368,7 +355,7 @@ class BoundedForce(OneThread):
         return command
 
     def _command(self, solved: memoryview[float], names: Sequence[str]) -> Command:
-        """The command in the numbers of `SOLVED`; the next tick starts from it."""
+        """Command from the numbers of `SOLVED`; the next tick starts from this force."""
         _, x, y, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
         self._held[0], self._held[1], self.desired_force = x, y, (rest[3], rest[4])
         value = _read_only(self._held.tobytes())  # a copy
@@ -384,7 +371,7 @@ def _view(numbers: Array) -> memoryview[float]:
 
 
 def _pair(argument: str, value: Any) -> tuple[float, float]:
-    """Two floats; infinite if a number is too large."""
+    """Two floats; infinite if a number is too large for a float."""
     if type(value) is np.ndarray and value.dtype is _FLOATS and value.shape == (2,):
         first, second = value.tolist()
         return first, second

@@ -1,12 +1,10 @@
-"""The QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds.
+"""QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds.
 
-Feasibility and convergence, in the notation of `ChairAndArm`: let d be the hand's last velocity minus its part along r
-(between zero and all of r), and c one tick of the hardest braking together. c is feasible: it satisfies the
-accelerations, braking does not change z, and every bound holds at z and on the way to it. c leaves the hand velocity J
-c = w + progress_c r/|r| + e, where w <= (1 - dt/T) d is the motion off r that is allowed now, so off = |e| satisfies
-the task. So the QP is feasible in every tick. Its hand motion besides r lies between w and w + e, both at most (1 -
-dt/T) |d| plus a term of order dt |u|^2 from the change of the Jacobian within the tick. The rows at z keep e small
-while a bound or a singular posture stops the hand.
+The QP is feasible in every tick, in the notation of `ChairAndArm`. Let d be the hand's last velocity minus its part
+along r, and let c be one tick of the hardest braking of all joints together. The command c satisfies the acceleration
+limits and every bound at z and on the way to z, and does not change z. With c the hand velocity is J c = w + progress_c
+r/|r| + e with w <= (1 - dt/T) d, so off = |e| satisfies the task. The hand motion besides r is at most (1 - dt/T) |d|
+plus a term of order dt |u|^2 from the changing Jacobian.
 """
 
 from __future__ import annotations
@@ -36,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 TINY = 1e-12
-"""[m/s, rad/s] Changes of velocity below this count as zero."""
+"""[m/s, rad/s] Velocity changes below this count as zero."""
 
 
 class ChairAndArm(VelocityController):
@@ -48,17 +46,16 @@ class ChairAndArm(VelocityController):
          -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
          as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (see the module) satisfy them
 
-    u are the joint velocities with the chair's in the chassis frame (forward, left, turn), where W and the arm's
-    Jacobian do not depend on the chair's position. There the rolling row, Eq. (4), is a left speed of zero. r is the
-    commanded twist. z = q + T u is the stop posture if all joints now brake together, see `BrakingTogether`. J is that
-    of the middle of the tick. With no bound active the answer is Eq. (1), or as near to it from the last motion as the
-    accelerations allow (`HandTask`); t is this answer within the joint speeds. b is this answer if it satisfies all
-    bounds, else u_last (1 - dt/T), or between the two while the hand moves; so a chair whose hand stands still comes to
-    rest.
+    - u: joint velocities, the chair's in the chassis frame (forward, left, turn). There W and the arm's Jacobian do not
+      depend on the chair's position, and the rolling row, Eq. (4), is a left speed of zero.
+    - r: commanded twist; w: the part of the last hand motion off r that is still allowed; e: the remaining deviation.
+    - z = q + T u: stop posture if all joints now brake together, see `BrakingTogether`. J: Jacobian at mid-tick.
+    - t: Eq. (1), or the answer nearest to it that the accelerations allow (`HandTask`), within the joint speeds.
+    - b: that answer if it satisfies all bounds, else u_last (1 - dt/T), so that a chair whose hand stands still comes
+      to rest.
 
-    Without a command all joints brake together as hard as the accelerations allow, and then rest.
-
-    See `RedundancyResolver` for the parameters.
+    Without a commanded twist all joints brake together as hard as the accelerations allow, and then rest. See
+    `RedundancyResolver` for the parameters.
     """
 
     requirement = "the rows are dependent at this posture"
@@ -82,12 +79,11 @@ class ChairAndArm(VelocityController):
         self.limits, self.wheelset = limits, limits.wheels
         n, k, wheels = robot.chain.n, len(rows), len(self.wheelset.rolling)
         self.surroundings = NUMBERS * max_obstacles + limits.own.moving_size
-        """Number of values of the obstacles and the moving capsules."""
         self.shapes = ((k,), (1,), *([(self.surroundings,)] if self.surroundings else []))  # type: ignore[misc]
         self.task = HandTask(robot, rows, moving=self.limits.moving, self_motion=self_motion)
         if (rank := self.task.rank()) < k:
             raise ConfigurationError("row_sets", rows, f"independent rows; on a {drive} base {rank} of them are")
-        # What is remembered: u, where it leads, the command, and the wheels' part of it.
+        # Memory: u, the position it leads to, the command, and the wheel speeds.
         self.command_slice: slice = slice(2 * n, 3 * n)
         self.wheels = slice(3 * n, 3 * n + wheels)
         self.motion = slice(2 * n, self.wheels.stop)
@@ -127,7 +123,7 @@ class ChairAndArm(VelocityController):
             name=f"chair_and_arm_{self.drive}_{'_'.join(self.rows)}",
             parameters=[q, twist, world, surroundings] if self.surroundings else [q, twist, world],
             variables=[velocity, along, across],
-            # Steeper the more is missing, since solvers fail more often on a cost that is flat in a variable.
+            # The quadratic term: solvers fail more often on a cost that is flat in a variable.
             minimise=(away.T @ W @ away + steady * ca.sumsqr(u - calm)) / 2
             + task.price * (OFF * off - progress)
             + PRICE * (missing**2 + off**2) / 2,
@@ -151,17 +147,14 @@ class ChairAndArm(VelocityController):
         return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Velocity intervals within the accelerations, widened to include braking; those of `limits` at rest."""
+        """Velocity intervals within the accelerations, widened to include braking; at rest those of `limits`."""
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
-        """(n,) the analytic answer if it satisfies all bounds and `ends`, else a tick of braking.
-
-        It is a blend of both if the answer passes a bound by less than the accelerations can change in a tick.
-        """
+        """The analytic answer (n,), blended with a tick of braking as far as it violates a bound or `ends`."""
         u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
         finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
         analytic = ca.if_else(finite, task.analytic, 0)
@@ -189,19 +182,21 @@ class ChairAndArm(VelocityController):
         return stated.finish_at(ca.vertcat(self._base, 0, 0))
 
     def beginning(self) -> ca.Function:
-        """Velocity (n,), the chair's part in its own frame, and heading [rad] -> see `VelocityController`."""
+        """CasADi function of velocity (n,), the chair's part in its own frame, and heading [rad]; see
+        `VelocityController`.
+        """
         velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
         state, possible = super().beginning()(velocity)
-        state[self.memory_at + self.chain.n + 2] = heading  # should the first position be unusable
+        state[self.memory_at + self.chain.n + 2] = heading  # used if the first position is invalid
         return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < MAX_MAGNITUDE)])
 
     def braking(self) -> ca.Function:
-        """q, memory, obstacles -> see `VelocityController`."""
+        """CasADi function of q, memory and obstacles; see `VelocityController`."""
         tick, q = Stages(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory[: self.chain.n], surroundings, gives_way=ca.SX(0))
         command = self.limits.kept(tick, q, surroundings, limits, limits.base)
-        report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # none of the task
+        report = self.report(memory[: self.chain.n], command, ca.SX(0), ca.SX(1), limits.outside)  # no task
         remembered = self.remembered(q, command)
         inputs = [q, memory, surroundings] if self.surroundings else [q, memory]
         return tick.function("braking", inputs, [remembered, report])
@@ -213,12 +208,12 @@ class ChairAndArm(VelocityController):
             self._inputs[2][: numbers.size] = numbers
 
     def set_inputs(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
-        """Set the other parameters of a tick, `moving` from `moving_numbers`; raises `ConfigurationError`."""
+        """Set the other inputs of a tick, `moving` from `moving_numbers`; raises `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
         try:
-            # From view to view: half of numpy's cost, and any other type or size is refused.
+            # View to view: twice as fast as numpy, and refuses any other type or size.
             views[0][:] = q  # type: ignore[assignment]
             views[1][:] = twist  # type: ignore[assignment]
             views[2][0] = world
@@ -226,10 +221,10 @@ class ChairAndArm(VelocityController):
             self._write((q, twist, [world], *self._inputs[2:]))
 
     tick = VelocityController._tick
-    """One step on the inputs that were set."""
+    """Take one step with the inputs that were set."""
 
     def brake(self, reason: str) -> Command:
-        """The fallback command at the inputs that were set."""
+        """Fallback command at the inputs that were set."""
         return self._safe(reason)
 
     def reset(self, velocity: ArrayLike | None = None, heading: float = 0.0) -> None:
@@ -241,15 +236,12 @@ class ChairAndArm(VelocityController):
         self._solvers.everything[:] = self._going_on_after(other)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
-        """The QP of a tick after `other`, as numbers."""
+        """QP of a tick that follows a tick of `other`, as numbers."""
         memory = self._solvers.memory if other is self else self._going_on_after(other)[self.memory_at :]
         return self.stated.instance(*inputs, memory=memory[: self._memory_size].copy())
 
     def going_on(self) -> ca.Function:
-        """State, memory of another set of rows up to its command, its `judged_memory` -> new state.
-
-        The new state takes over the other's velocity, position, command, stamps and joint checks.
-        """
+        """Function: own state, other rows' memory up to the command, `judged_memory` -> state that continues."""
         size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
         theirs, memory = ca.SX.sym("theirs", command_slice.stop), ours[self.memory_at : size]
@@ -268,5 +260,5 @@ class ChairAndArm(VelocityController):
 
     @property
     def velocity(self) -> Array:
-        """(n,) last command, the chair's part in its own frame."""
+        """Last command (n,), the chair's part in its own frame."""
         return self._last.copy()

@@ -1,4 +1,4 @@
-"""Limits of chair and arm in one tick; the whole robot can always brake together before each of them."""
+"""Limits of chair and arm in one tick; the whole robot can always brake together without violating one."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class Limits(NamedTuple):
     """Limits on the velocities u (n,) of one tick, the chair's in its own frame; `base` satisfies all of them."""
 
     lower: ca.SX
-    """(n,) of each joint: its speed limit, and its stop posture within its position limits."""
+    """(n,) of each joint: its speed limit, and its position limits at the stop posture."""
     upper: ca.SX
     chassis: SymmetricLimit
-    """Rim speeds and the chassis speed [m/s]; empty for a fixed base."""
+    """Wheel-rim speeds and the chassis speed [m/s]; empty for a fixed base."""
     towards: LinearLimit
     """Approach of the chair's corners to obstacles [m/s], at the end of braking."""
     closing: LinearLimit
@@ -43,7 +43,7 @@ class Limits(NamedTuple):
     beside: LinearLimit
     """A user's limits, and clearance."""
     base: ca.SX
-    """(n,) one tick of the hardest braking together, the fallback command; see `ChairLimits` for moving bodies."""
+    """(n,) fallback command: one tick of the hardest braking together; see `ChairLimits` for moving bodies."""
     clearance: ca.SX
     """[m] distance of the arm from the nearest keep-out, negative inside."""
     nearest: ca.SX
@@ -61,34 +61,33 @@ class Limits(NamedTuple):
         return [row for each in (self.towards, self.closing, self.beside) for row in each.rows(u)]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """Largest violation by u of the intervals and the wheels' limits; infinite for NaN."""
+        """Largest violation by u of the joint intervals and the wheels' limits; infinite for NaN."""
         over = ca.vertcat(u - self.upper, self.lower - u, self.chassis.excess(u))
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
 
 class ChairLimits:
-    """Computes `Limits`.
+    """Compute the `Limits` of a tick.
 
-    The stop posture z of `BrakingTogether` satisfies each limit, so that braking together violates none:
+    The stop posture z = q + T u of `BrakingTogether` satisfies each limit, so braking together violates none:
 
     - joint limits: lower <= q + T u <= upper;
     - keep-outs: the arm's least distance on the way to z, see `ArmKeepOuts`;
     - obstacles: the smaller gap of each corner of the chair at z or half-way, see `ChairObstacles`.
 
-    If it is too late for that (an obstacle appears, a velocity is reset, rounding), a limit requires braking as hard as
-    the accelerations allow until it is satisfied again. A command that leads into or deeper into an obstacle or
-    keep-out, or beyond a user's limit, is shortened towards braking. If braking does so, too, it is shortened towards
-    rest (`kept`); only there acceleration yields.
+    If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
+    accelerations allow. A command that moves into or deeper into an obstacle or keep-out, or beyond a user's limit, is
+    blended with braking, and if need be with rest (`kept`). Only then is the acceleration limit relaxed.
 
-    A user's limits and a `Clearance` give the rows of `PostureLimits`, and also hold on the way to z, with the chair on
-    its arc and bodies at their current positions. While the stick commands, `base` moves out of the way of approaching
-    bodies, and acceleration yields to that.
+    The rows of a user's limits and of a `Clearance` also hold on the way to z, with moving bodies at their current
+    positions. While the stick commands a motion, `base` moves away from approaching bodies; this may exceed the
+    acceleration limit.
 
     Parameters
     ----------
     robot, wheels : see `RedundancyResolver`. max_obstacles : largest number of obstacles. dt : tick [s].
     own : a user's limits, and clearance.
-    recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
+    recovery_speed : largest speed of a joint that returns into its limits, as a fraction of its speed limit.
     """
 
     def __init__(
@@ -109,14 +108,12 @@ class ChairLimits:
 
     @property
     def moving(self) -> list[int]:
-        """Joints that the drive allows to move, by number from 0: Eq. (4) in the chassis frame."""
+        """Numbers, from 0, of the joints that the drive allows to move: Eq. (4) in the chassis frame."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """Limits at joint values q (n,) after the command `last` (n,), among obstacles and moving capsules.
-
-        surroundings : numbers of the obstacles, then of the capsules. gives_way : see `PostureLimits.beside`. Distant
-            bodies have no rows.
+        """Limits at joint values q (n,) after the command `last` (n,), with the numbers of obstacles and moving
+        capsules.
         """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last))
         obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
@@ -144,7 +141,7 @@ class ChairLimits:
                 q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
                 gives_way=gives_way,
             )  # fmt: skip
-            # As far from there as the wheels let it: both are within the accelerations.
+            # As far towards `base` as the wheels allow; both ends are within the accelerations.
             way = base - braked
             base = braked + chassis.one_sided.max_step_size(way, braked) * way
             beside = LinearLimit.stacked(LinearLimit(*here), ahead).relaxed(base)
@@ -165,16 +162,13 @@ class ChairLimits:
 
     @staticmethod
     def world(heading: ca.SX, joints: int) -> ca.SX:
-        """(n, n) rotation of velocities from the chair's own frame to the world."""
+        """Rotation (n, n) of velocities from the chair's own frame to the world."""
         turn, cos, sin = ca.SX.eye(joints), ca.cos(heading), ca.sin(heading)
         turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
         return turn
 
     def led(self, q: ca.SX, u: ca.SX, seconds: float) -> ca.SX:
-        """(n,) positions after `seconds` at velocities u (n,), the chair's in its own frame and on an arc.
-
-        Within a tick the motion is straight along its initial direction, so the arc lags by half of a tick's turn.
-        """
+        """Positions (n,) after `seconds` at velocities u (n,); the chair moves on an arc, u is in its own frame."""
         way = seconds * mean_velocity(np.zeros(2), u[:CHAIR], seconds)
         behind = q[2] - u[2] * self.dt / 2
         cos, sin = ca.cos(behind), ca.sin(behind)
@@ -183,7 +177,7 @@ class ChairLimits:
 
     @cached_property
     def contacts(self) -> ca.Function:
-        """`q`, last u (n,), moving capsules -> see `control.limit`."""
+        """CasADi function of q, last u (n,) and moving capsules; see `control.limit`."""
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
@@ -191,7 +185,7 @@ class ChairLimits:
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _touched(self, tick: Stages, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
-        """Remaining distances to bodies on the way of u, and slopes; far distances if all are far."""
+        """Remaining distances to bodies on the way of u, and their slopes; `FAR` if all bodies are far."""
         max_contacts = 0 if self.own.clearance is None else self.own.clearance.max_contacts
         none = ca.horzcat(FAR * ca.SX.ones(max_contacts), ca.SX.zeros(max_contacts, q.numel()))
         if not max_contacts:
@@ -206,11 +200,11 @@ class ChairLimits:
 
     @cached_property
     def _times(self) -> list[float]:
-        """[s] to the places `ALONG`."""
+        """[s] Times to the places `ALONG`."""
         return [part * self.braking.time for part in ALONG]
 
     def kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
-        """(n,) u, or a blend of u and `base` that leads nothing into or deeper into obstacles and keep-outs."""
+        """The velocities u (n,), blended with `base` so that nothing moves deeper into an obstacle or keep-out."""
         if not (self.max_obstacles or self.robot.keep_out or len(self.own)):
             return u
         u = tick.once(u)
@@ -225,7 +219,7 @@ class ChairLimits:
 
     @cached_property
     def _first_kept(self) -> ca.Function:
-        """`q`, surroundings, u (n,), braking -> see `first_kept` of `control.limit`."""
+        """CasADi function of q, surroundings, u (n,) and braking; see `first_kept` of `control.limit`."""
         own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
         sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
         q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]
@@ -245,17 +239,16 @@ class ChairLimits:
         up, down = (ca.fmax(room, 0) / time for room in (ca.DM(chain.upper) - q, q - ca.DM(chain.lower)))
         upper = ca.fmin(ca.fmax(up, slowest), bounds.hard_upper)
         lower = ca.fmax(ca.fmin(-down, slowest), bounds.hard_lower)
-        # Positions of the chair are not bounded: its intervals are numbers.
+        # The chair's positions have no limits, so its intervals are constants.
         speed = ca.DM([chain.velocity[i] if i in self.moving else 0.0 for i in range(CHAIR)])
         ends, hard = (lower, upper), (bounds.hard_lower, bounds.hard_upper)
         pairs = [(ca.vertcat(-speed, a[CHAIR:]), ca.vertcat(speed, b[CHAIR:])) for a, b in (ends, hard)]
         return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
-        """Limits of rim speeds and of chassis speeds (a polygon for two components); none for a fixed base.
+        """Limits of rim speeds and of the chassis speed (a polygon for two components); none for a fixed base.
 
-        If a velocity is inside the circle but beyond a side of the polygon, that side is moved to the hardest braking,
-        and the opposite one so that the corner between them stays in the circle.
+        If the hardest braking lies outside the polygon, its side moves out to it, and the adjacent sides move in.
         """
         chain, (rows, upper) = self.robot.chain, self.wheels.rims
         rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))

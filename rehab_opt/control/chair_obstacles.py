@@ -1,4 +1,4 @@
-"""Rows of one obstacle for the chair: at its outline's nearest points now and on the way to the stop posture."""
+"""Rows of one obstacle for the chair, at the outline's nearest points now and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ Array = NDArray[np.float64]
 ROWS = 4
 """Number of rows of one obstacle."""
 ALONG = (0.5, 1.0)
-"""Fractions of the way to the stop posture that are checked, besides its beginning."""
+"""Fractions of the way to the stop posture at which obstacles are checked, besides its beginning."""
 CLEAR = 5e-4
-"""[m] Margin to obstacles, doubled at the stop posture, because rows are tangents."""
+"""[m] Margin to obstacles, doubled at the stop posture, since a row is only a tangent."""
 NEARER = 5
-"""Steps of the search for the nearest point of a post's path past the chair; an inexact normal is conservative."""
+"""Steps of the search for the nearest point of a post's path past the chair; too few steps err on the safe side."""
 TOUCHING = 1e-6
 """[m] Distances below this give no direction."""
 TINY = 1e-12
 TIGHTER = 1e-7
-"""Relative tightening of limits, to cover the certificate's tolerance."""
+"""Relative tightening of limits; it covers the certificate's tolerance."""
 
 
 class ChairObstacles:
     """Rows on the chair's velocity (3,), in its own frame, for one obstacle from `obstacle_numbers`.
 
-    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes, negative if the gap is below
-    its margin, so that the chair brakes harder. A wall has rows for its two nearest corners: one at the current
-    posture, one at the place with less gap on the way to the stop posture. A post has a row at the outline's nearest
-    point now, and rows for its path past the braking chair, half-way and at the end. These use a line beside the chair,
-    because the outline could cut the path between two places.
+    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes. The remaining speed is
+    negative if the gap is below its margin; then the chair brakes harder.
 
-    Rows for the current tick come from `approach`.
+    A wall has rows for its two nearest corners: one at the current posture, one on the way to the stop posture. A post
+    has a row at the outline's nearest point now, and rows for its path past the braking chair, half-way and at the end.
+    The rows of the path use a separating line beside the chair, since the outline could cut the path between two
+    places.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ChairObstacles:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """Function: obstacle (4,), place (3,), last command (3,) -> `column`; distant obstacles are not evaluated."""
+        """Function: obstacle (4,), place (3,), last command (3,) -> `column`, or `far` for a distant obstacle."""
         tick, one, place, last = (
             Stages(),
             ca.SX.sym("one", NUMBERS),
@@ -78,21 +78,18 @@ class ChairObstacles:
         )
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """(17,) rows and remaining speeds; the chair's gap from the obstacle [m]."""
+        """Column (17,) of rows and remaining speeds, then the chair's gap from the obstacle [m]."""
         each = self._approach(one, place, last, self.braking.time)
         rows = [ca.vertcat(*pair) for pair in self._towards(each, last)]
         return ca.densify(ca.vertcat(*rows, ca.mmin(self._gaps(each))))
 
     def far(self) -> ca.SX:
-        """(17,) column of a distant obstacle."""
+        """Column (17,) of a distant obstacle."""
         row = ca.vertcat(ca.SX.zeros(CHAIR), FAR)
         return ca.densify(ca.vertcat(*[row] * ROWS, FAR))
 
     def limits(self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, ca.SX]:
-        """Limits [m/s] on the approach to obstacles (4 k,); the least gap [m].
-
-        At joint values q (n,), after the command `last` (n,).
-        """
+        """Limits [m/s] on the approach to obstacles (4 k,), at q (n,) after `last` (n,), and the smallest gap [m]."""
         columns = [tick.call(self.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in _each(obstacles)]
         cells = [ca.reshape(each[:-1], CHAIR + 1, ROWS).T for each in columns]
         found = ca.vertcat(ca.SX(0, CHAIR + 1), *cells)
@@ -101,7 +98,7 @@ class ChairObstacles:
         return towards.beyond(self.braking.slower(last)), nearest
 
     def fastest(self, u: ca.SX) -> ca.SX:
-        """[m/s] upper bound of the speed of any corner at velocities u (n,)."""
+        """Upper bound [m/s] of the speed of any corner at velocities u (n,)."""
         return ca.fabs(u[0]) + ca.fabs(u[1]) + self._lever * ca.fabs(u[2])
 
     def keeps_out(self, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
@@ -110,14 +107,16 @@ class ChairObstacles:
 
     @cached_property
     def no_deeper(self) -> ca.Function:
-        """Obstacle (4,), place (3,), velocity (3,) -> 1 if neither a straight motion nor an arc leads deeper."""
+        """Function: obstacle (4,), place (3,), velocity (3,) -> 1 if no straight motion and no arc moves deeper into
+        it.
+        """
         one, place, u = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("u", CHAIR)
         cos, sin, verdict = ca.cos(place[2]), ca.sin(place[2]), []
 
         def gap(there: ca.SX) -> ca.SX:
             return ca.mmin(self._gaps(approach(one, there, self.outline, dt=1, horizon=1, turn=1, drive=0)))
 
-        first = self.dt / 1024  # straight, the gap is convex in time: no less than its tangent now
+        first = self.dt / 1024  # the gap is convex in time on a line: its tangent is a lower bound
         for seconds in (first, self.dt / 2, self.dt):
             for x, y in (ca.vertsplit(each) for each in (u[:2], mean_velocity(np.zeros(2), u, seconds))):
                 there = place + seconds * ca.vertcat(cos * x - sin * y, sin * x + cos * y, u[2])
@@ -128,33 +127,33 @@ class ChairObstacles:
     # -------------------------------------------------------------------------------------------------- plumbing
     @property
     def _bent(self) -> float:
-        """[m/s^2] error of a corner's tangents in a tick, over the square of the braking time."""
+        """[m/s^2] Error of a corner's tangents in a tick, divided by the square of the braking time."""
         return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
 
     def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> ObstacleRows:
-        turn = self._turning(last)  # chords from rest to turns that cannot be would stop a chair that turns a little
+        turn = self._turning(last)  # chords to impossible turn rates would stop a chair that turns slowly
         drive = self._drive(last)
         return approach(one, place, self.outline, dt=self.dt, horizon=horizon, turn=turn, drive=drive)
 
     def _turning(self, last: ca.SX) -> ca.SX:
-        """[rad/s] largest turn rate in a tick after a command `last` (3,)."""
+        """Largest turn rate [rad/s] in a tick after a command `last` (3,)."""
         return ca.fmin(ca.fabs(last[2]) + self.braking.change[2], self._turn)
 
     def _drive(self, last: ca.SX) -> ca.SX:
-        """[m/s] upper bound of the speed in a tick after a command `last` (3,)."""
+        """Upper bound of the speed [m/s] in a tick after a command `last` (3,)."""
         return ca.fabs(last[0]) + ca.fabs(last[1]) + 2 * self.braking.change[0]
 
     def _gaps(self, each: ObstacleRows) -> ca.SX:
         return each.wall[2] - ca.DM(self.outline.corners) @ each.wall[:2]
 
     def _swept(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
-        """[m] largest deviation of the outline from straight motion in a tick after a command `last` (3,)."""
+        """Largest deviation [m] of the outline from straight motion in a tick after a command `last` (3,)."""
         turn, drive = self._turning(last), self._drive(last)
         lever = ca.if_else(each.is_post, ca.norm_2(each.post[:2]), self._lever)
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 
     def _apart(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
-        """1 if no turn within a tick takes the outline to the obstacle."""
+        """1 if no turn within a tick moves the outline into the obstacle."""
         return ca.mmin(self._gaps(each)) > 2 * self._swept(each, last)
 
     def _towards(self, each: ObstacleRows, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
@@ -165,7 +164,7 @@ class ChairObstacles:
             nearest = first_true(keys <= ca.mmin(keys))
             keys = ca.if_else(nearest, ca.inf, keys)
             found = ca.if_else(each.is_post, post, ca.horzcat(*(rows for rows, _ in corners)) @ nearest)
-            # Where it touches, the rows into it: those of the corners would let it turn by more, and all would stop.
+            # At contact the obstacle's own rows: corner rows would allow a larger turn, and `kept` would stop all.
             touching = ca.vertcat(each.matrix[k, :].T, each.room[k] - each.matrix[k, :] @ slower)
             rows += [(row[:3], row[3]) for row in (ca.if_else(apart, found[:4], touching), found[4:])]
         return rows
@@ -185,11 +184,10 @@ class ChairObstacles:
         return columns
 
     def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
-        """(2,) normal, fixed in the chassis, of a wall between the outline and a post's path past the braking chair.
+        """Normal (2,), fixed in the chassis, of the line with the largest gap between outline and a post's path.
 
-        It is the wall with the largest gap, from the nearest point of the hull of all differences between a corner and
-        a position of the post, found edge by edge (Gilbert, Johnson and Keerthi). Braking leaves a part of that path,
-        so it never reduces the gap, whatever wall is chosen next.
+        The search of Gilbert, Johnson and Keerthi finds this line on the hull of all differences between corners and
+        post positions. Braking leaves a part of that path, so the gap never decreases while the chair brakes.
         """
         centre, radius = each.post[:2], each.post[2]
         way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
@@ -216,7 +214,9 @@ class ChairObstacles:
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """(8,) a row now and a row on the way to the stop posture, each with its remaining speed [m/s]; least gap."""
+        """Column (8,) of a row now and a row on the way to the stop posture, each with its remaining speed [m/s]; least
+        gap.
+        """
         time = self.braking.time
         least, now = gap_after(slower, 0.0)
         first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))
@@ -230,15 +230,11 @@ class ChairObstacles:
 
 
 def _each(obstacles: ca.SX) -> list[ca.SX]:
-    """(4,) each."""
     return ca.vertsplit(obstacles, NUMBERS) if obstacles.numel() else []
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """Gap [m] of a chair's corner (2,) from a wall after a time [s] on an arc of velocity (3,).
-
-    Also the mean closing speed per unit of each velocity component, (3,).
-    """
+    """Gap [m] of a corner (2,) from a wall after a time on an arc, and mean closing speed per unit of velocity (3,)."""
     u = ca.SX.sym("u", CHAIR)
     mean = ca.dot(wall[:2], mean_velocity(corner, u, time))
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
@@ -246,15 +242,15 @@ def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[c
 
 
 def mean_velocity(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
-    """(2,) mean velocity of a chair's corner (2,) on an arc of velocity (3,) over a time [s]."""
+    """Mean velocity (2,) of a chair's corner (2,) on an arc of velocity (3,) over a time [s]."""
     x, y, half = float(corner[0]), float(corner[1]), velocity[2] * time / 2
-    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # the chord over the arc, and its direction
+    shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # chord over arc, and the chord's direction
     drive = shrunk * ca.vertcat(cos * velocity[0] - sin * velocity[1], sin * velocity[0] + cos * velocity[1])
     return drive + velocity[2] * shrunk * ca.vertcat(-sin * x - cos * y, cos * x - sin * y)
 
 
 def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
-    """(2,) position in the chassis frame of a fixed point (2,) after an arc of velocity (3,) over a time [s]."""
+    """Position (2,), in the chassis frame, of a fixed point (2,) after an arc of velocity (3,) over a time [s]."""
     way = place - time * mean_velocity(np.zeros(2), velocity, time)
     x, y = way[0], way[1]
     cos, sin = ca.cos(velocity[2] * time), ca.sin(velocity[2] * time)
@@ -262,7 +258,7 @@ def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
 
 
 def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:
-    """Gap [m] of a chair's outline from a post, negative inside; (3,) closing speed per unit chassis velocity."""
+    """Gap [m] of a chair's outline from a post, negative inside, and closing speed (3,) per unit chassis velocity."""
     x, y = post[0], post[1]
     normal = ca.vertcat(*outward_normal(outline, x, y))
     gap = ca.dot(normal, post[:2]) - ca.mmax(ca.DM(outline.corners) @ normal) - post[2]

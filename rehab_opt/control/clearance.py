@@ -1,4 +1,4 @@
-"""Whole-arm clearance: an arm's links, as capsules, keep a distance from bodies around them."""
+"""Whole-arm clearance: the arm's links, modelled as capsules, keep a distance from the bodies around them."""
 
 from __future__ import annotations
 
@@ -29,16 +29,14 @@ class Clearance:
     grad d . q' + n . (-v) >= -rate (d - margin)
 
     with n the direction from body to link and v the velocity of the body's nearest point. The QP has rows for the
-    `max_contacts` contacts nearest to their barriers at the last velocity; bodies that lie along each other have
-    several (`control.contacts`). All pairs are checked at the end of the tick.
+    `max_contacts` contacts nearest to their barriers; all pairs are checked at the end of the tick.
 
-    The following holds at the ends of ticks if joints move as commanded and moving bodies as passed:
-    - with fixed bodies, no clear pair comes nearer than `margin`, and a nearer pair gets no nearer, in any tick, also
-    when braking;
-    - the arm gives way to a moving body within speed and joint limits; accelerations yield. While some velocity within
-    these limits keeps every pair clear, none comes nearer than `margin`. If there is none, if no joint moves the
-    touched link, or if the arm brakes because it is not enabled, the body may come nearer by its own motion. The arm's
-    motion never adds to that, and `Relaxed.POSITION` reports it.
+    If joints move as commanded and moving bodies move as passed, the following holds at the ends of ticks:
+    - Fixed bodies: no pair comes nearer than `margin`, and a pair that is already nearer gets no nearer, also while
+      braking.
+    - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no
+      such velocity keeps every pair clear, or the arm brakes because it is not enabled, the body may come nearer by its
+      own motion. The arm's motion never adds to that, and `Relaxed.POSITION` reports it.
 
     Parameters
     ----------
@@ -47,10 +45,10 @@ class Clearance:
     planes : half-spaces, from `KeepOut.through`; each whole link stays out of them.
     capsules, boxes : fixed bodies in the base frame.
     moving : largest number of moving capsules, see `PoseTracker.step`; a person's arm has three, from `arm_capsules`.
-    pairs : pairs of link names that keep clear of each other; None for all that are not neighbours and do not overlap
-        in half of all postures; () for none.
-    max_contacts : number of contacts with rows in a tick. Others are checked at its end: the arm stops before them but
-        does not slide along them. The guarantees of a chair need at least the default.
+    pairs : pairs of link names that keep clear of each other; () for none. None selects all pairs that are not
+        neighbours and do not overlap in half of all postures.
+    max_contacts : number of contacts with rows in a tick. The arm stops before all other contacts, but does not slide
+        along them. The guarantees of a chair need at least the default.
     rate : [1/s] largest decay rate of the distance to the margin; by default that of a `Limit`.
     """
 
@@ -66,7 +64,7 @@ class Clearance:
 
 
 def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Clearance:
-    """The checked clearance, with names resolved.
+    """Checked clearance with resolved names.
 
     Raises
     ------

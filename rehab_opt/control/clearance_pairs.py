@@ -1,7 +1,7 @@
 """Pairs of bodies of an arm and its surroundings: functions of distances and of the nearest contacts.
 
-Every function takes joint positions q (n,), the moving capsules (14 k,) from `moving_numbers`, and the time [s] by
-which these move on. One small function is mapped over all pairs of a kind, so that the code does not grow with their
+Every function takes joint positions q (n,), moving capsules (14 k,) from `moving_numbers`, and the time [s] for which
+the capsules move on. One function per kind of pair is mapped over all pairs, so the code does not grow with their
 number.
 """
 
@@ -34,15 +34,15 @@ __all__ = ["ClearancePairs", "least", "linked_pairs"]
 Array = NDArray[np.float64]
 
 SAMPLES = 200
-"""Number of random postures within the joint limits for checks of links."""
+"""Number of random postures at which links are checked for overlap."""
 MOSTLY = 0.5
-"""Fraction of these postures; links that overlap in more of them count as neighbours."""
+"""Links that overlap in more than this fraction of the postures count as neighbours."""
 SAME = 1e-9
-"""[m] Smaller motions are rounding."""
+"""[m] Smaller motions count as rounding."""
 ALIKE = 1e-7
 """[1, m] Largest difference of normal and moment of equal contacts."""
 BEHIND = 4.0
-"""Factor on the distance of a contact beyond its pair's least distance; the product raises the contact's rank."""
+"""Factor on the distance of a contact beyond its pair's least distance; the product is added to the contact's rank."""
 TIE = 1e-12
 """[m] Rank difference between equal contacts."""
 APPROACH = 11
@@ -57,12 +57,12 @@ class Kind(NamedTuple):
     distance: ca.Function
     room: ca.Function
     contacts: ca.Function
-    """(9, 5); the last number of each contact is its rank."""
+    """(9, 5) contacts; the last number of each is its rank."""
 
 
 @cache
 def _kinds() -> tuple[Kind, Kind]:
-    """Kinds: two capsules, from a column of 19 numbers; capsule and box, from a column of 22."""
+    """Two kinds of pairs: two capsules, from a column of 19 numbers; capsule and box, from a column of 22."""
     c, b, numbers = ca.SX.sym("column", 19), ca.SX.sym("column", 22), ca.SX.sym("approach", APPROACH)
     near = Approach(numbers[:6], numbers[6], numbers[7:])
     of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]), near)
@@ -86,9 +86,9 @@ def _kinds() -> tuple[Kind, Kind]:
 
 @dataclass(frozen=True, eq=False)
 class ClearancePairs:
-    """The pairs of a checked `Clearance` and a chain.
+    """Pairs of a checked `Clearance` and a chain.
 
-    A link that no joint moves (a base, or one that turns about its own axis) is paired only with other links.
+    A link that no joint moves (a base, or a link that turns about its own axis) is paired only with other links.
     """
 
     clearance: Clearance
@@ -123,7 +123,7 @@ class ClearancePairs:
 
     @cached_property
     def distances(self) -> ca.Function:
-        """`q`, moving capsules, time -> distance of every pair less the margin [m]."""
+        """Function: q, moving capsules, time -> distance of every pair minus the margin [m]."""
         q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("time")
         *columns, _, heights, _ = self._placed(q, told, time)
         apart = [each for cells, kind in zip(columns, _kinds(), strict=True) for each in _mapped(kind.distance, cells)]
@@ -131,11 +131,10 @@ class ClearancePairs:
 
     @cached_property
     def nearest(self) -> ca.Function:
-        """`q`, last velocity, moving capsules, time -> contacts with the least room in one column, see `read`.
+        """Function: q, last velocity, moving capsules, time -> column of the contacts with the least room, see `read`.
 
-        The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at the motion's
-        state after half of the time, with distances extrapolated back to now. Pairs of a kind with more room are left
-        out.
+        The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at half of the
+        time, and their distances are extrapolated back to now.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
@@ -159,25 +158,25 @@ class ClearancePairs:
         return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, ca.mmin(self.distances(q, told, 0)))])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """From a column of `nearest`: distances minus the margin (k,), slopes (k, n), rates due to bodies (k,)."""
+        """Distances minus the margin (k,), slopes (k, n) and rates due to bodies (k,) from a column of `nearest`."""
         k = self.max_contacts
         return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
 
     # --------------------------------------------------------------------------------------------- which pairs
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """Indices of links that some joint moves."""
+        """Indices of the links that some joint moves."""
         moved = np.ptp(_places(self.chain, 5), axis=0).reshape(len(self.chain.capsules), -1).max(axis=1) > SAME
         return tuple(int(i) for i in np.flatnonzero(moved))
 
     @cached_property
     def linked(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of links; the first link is moved by more joints."""
+        """Pairs of links; the first link of a pair is moved by more joints."""
         return linked_pairs(self.chain, self.clearance)
 
     @cached_property
     def _looked_at(self) -> tuple[int, int]:
-        """Number of pairs of capsules, and of capsules and boxes, for which contacts are computed."""
+        """Number of capsule pairs, and of capsule-box pairs, for which contacts are computed."""
         most = self.clearance.max_contacts
         return min(self._spans[0].shape[1], most), min(self._spans[1].shape[1], max(1, most // 2))
 
@@ -195,7 +194,7 @@ class ClearancePairs:
 
     @cached_property
     def _spans_of_balls(self) -> Array:
-        """As `_spans`, for the links' ends and planes."""
+        """`_spans` for the links' ends and planes."""
         frames = [min(self.chain.capsules[i].frame, self.chain.n) for i, _, _ in self._before_planes]
         return _pairs_of_numbers([(0, frame) for frame in frames])
 
@@ -212,7 +211,7 @@ class ClearancePairs:
         )
 
     def _thickest(self, link: int, end: int) -> bool:
-        """Whether this link is the thickest (or the first of equal ones) at its end."""
+        """Whether this link is the thickest one at its end, or the first of equal ones."""
         number = self._ends_by_number["link", link][0][end]
         radii = {
             i: radius for (kind, i), (both, radius) in self._ends_by_number.items() if kind == "link" and number in both
@@ -221,16 +220,13 @@ class ClearancePairs:
 
     @cached_property
     def lead(self) -> float:
-        """[s] time constant of the barrier, see `Approach`."""
+        """[s] Time constant of the barrier, see `Approach`."""
         chain, rate = self.chain, self.clearance.rate
         return float(np.max(chain.velocity / chain.acceleration)) if rate is None else 1 / rate
 
     @cached_property
     def _told(self) -> tuple[Array, Array]:
-        """(4, pairs) of each kind: 0 for an end that another pair covers, see `Approach`.
-
-        The pair of the thickest body covers an end that several bodies share.
-        """
+        """(4, pairs) of each kind: 0 for an end that another pair covers, that of the thickest body there."""
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]
         pairs = [(("link", i), ("link", j)) for i, j in self.linked]
@@ -256,7 +252,7 @@ class ClearancePairs:
 
     @cached_property
     def _ends_by_number(self) -> dict[tuple[str, int], tuple[tuple[int, int], float]]:
-        """Numbers of the ends of links and fixed capsules, equal for coincident ends; and radii."""
+        """Numbers of the ends of links and fixed capsules, equal for coincident ends, and their radii."""
         places, found, ends = _places(self.chain, 5), {}, []
         bodies = [(("link", i), places[:, i], each.radius) for i, each in enumerate(self.chain.capsules)]
         for i, each in enumerate(self.clearance.capsules):
@@ -272,7 +268,7 @@ class ClearancePairs:
     # ---------------------------------------------------------------------------------------------- expressions
     @cached_property
     def _placed(self) -> ca.Function:
-        """`q`, moving, time -> columns of capsule pairs and of pairs with boxes, plane contacts, heights, screws."""
+        """Function: q, moving capsules, time -> columns of both kinds of pairs, plane contacts, heights, screws."""
         chain, given = self.chain, self.clearance
         q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.moving_size), ca.SX.sym("time")
         frames, links, margin = chain.frames_expression(q), chain.capsules, given.margin
@@ -318,7 +314,7 @@ class ClearancePairs:
         return ca.Function("placed", [q, told, time], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _screws(self, frames: list[ca.SX]) -> ca.SX:
-        """(6, n) screw of each joint: angular and linear velocity at the base frame's origin per unit speed."""
+        """Screw (6, n) of each joint: angular and linear velocity at the base frame's origin per unit speed."""
         columns = []
         for row, frame in zip(self.chain.rows, frames, strict=False):
             axis = frame[:3, 2]
@@ -328,7 +324,9 @@ class ClearancePairs:
 
     @cached_property
     def _approaches(self) -> ca.Function:
-        """Screws, last velocity, plane contacts -> `Approach` (11, pairs) of each kind; the plane contacts' room."""
+        """Function: screws, last velocity, plane contacts -> `Approach` (11, pairs) per kind, room of the plane
+        contacts.
+        """
         n, balls = self.chain.n, ca.SX.sym("balls", CONTACT, self._spans_of_balls.shape[1])
         screws, last = ca.SX.sym("screws", 6, n), ca.SX.sym("last", n)
         moves = [ca.SX.zeros(6)]
@@ -352,19 +350,21 @@ class ClearancePairs:
         return ca.Function("approaches", [screws, last, balls], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _rows(self, k: int) -> ca.Function:
-        """Contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, their rates, slopes."""
+        """Function: contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, their rates,
+        slopes.
+        """
         n = self.chain.n
         contacts, spans, screws = ca.SX.sym("contacts", CONTACT, k), ca.SX.sym("spans", 2, k), ca.SX.sym("screws", 6, n)
         last, time = ca.SX.sym("last", n), ca.SX.sym("time")
         slopes, changes, distances = [], [], []
         for j in range(k):
             distance, normal, moment, speed = ca.vertsplit(contacts[:, j], [0, 1, 4, 7, 8])
-            # Links that meet in a joint have an end in common: stated twice, its rows would depend on each other.
+            # Links that meet in a joint share an end; two rows for that end would be dependent.
             seen = [ca.sumsqr(contacts[1:7, j] - contacts[1:7, i]) < ALIKE**2 for i in range(j)]
             there = all_true(distance < FAR / 2, *(ca.logic_not(each) for each in seen))
             slope = screws.T @ ca.vertcat(moment, normal)
             moves = [ca.logic_and(ca.logic_and(i >= spans[0, j], i < spans[1, j]), there) for i in range(n)]
-            moves = [ca.logic_and(moves[i], ca.fabs(slope[i]) > SAME) for i in range(n)]  # no joint acts on rounding
+            moves = [ca.logic_and(moves[i], ca.fabs(slope[i]) > SAME) for i in range(n)]  # rounding
             slopes.append(ca.vertcat(*(ca.if_else(moves[i], slope[i], 0) for i in range(n))))
             changes.append(ca.if_else(there, -speed, 0))
             distances.append(ca.if_else(there, distance, FAR) - (ca.dot(slopes[-1], last) + changes[-1]) * time / 2)
@@ -373,10 +373,9 @@ class ClearancePairs:
 
 
 def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, int], ...]:
-    """Pairs of links, by number, that keep clear of each other; first the one that more joints move.
+    """Pairs of link numbers that keep clear of each other; first the link that more joints move.
 
-    By default all pairs whose frames differ and are not adjacent, and that overlap in less than half of random postures
-    within the joint limits.
+    The default are all pairs whose frames are not adjacent and that overlap in less than half of random postures.
     """
     links = chain.capsules
     every = [(i, j) if links[i].frame >= links[j].frame else (j, i) for i in range(len(links)) for j in range(i)]
@@ -400,13 +399,13 @@ def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, i
 
 
 def _ends(chain: SerialChain, frames: list[ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
-    """(3,), (3,) [m] ends of each link's segment."""
+    """Ends (3,), (3,) [m] of each link's segment."""
     places = [(frames[each.frame][:3, :3], frames[each.frame][:3, 3], each) for each in chain.capsules]
     return [(turn @ ca.DM(link.start) + origin, turn @ ca.DM(link.end) + origin) for turn, origin, link in places]
 
 
 def _places(chain: SerialChain, count: int) -> Array:
-    """(count, links, 2, 3) [m] ends of the links at random postures within the joint limits, at most a turn of each."""
+    """(count, links, 2, 3) [m] ends of the links at random postures within the joint limits, at most a turn each."""
     q = ca.SX.sym("q", chain.n)
     ends = ca.vertcat(*(end for both in _ends(chain, chain.frames_expression(q)) for end in both))
     lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
@@ -432,5 +431,4 @@ def least(count: int, k: int) -> ca.Function:
 
 
 def _pairs_of_numbers(pairs: list[tuple[int, int]]) -> Array:
-    """(2, len(pairs))"""
     return np.array(pairs, dtype=np.float64).reshape(-1, 2).T

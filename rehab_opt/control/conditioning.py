@@ -1,6 +1,6 @@
 """Prepare a motion tracker's samples for a controller: even resampling, NaN for lost sight, noise filter.
 
-A whole recording (`conditioned`) and single samples (`Conditioner`) give the same numbers.
+Whole recordings (`conditioned`) and single samples (`Conditioner`) give the same numbers.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ __all__ = ["Conditioned", "Conditioner", "conditioned"]
 Array = NDArray[np.float64]
 
 TOGETHER = 3
-"""Least number of consistent samples of a stretch; fewer are a spike."""
+"""Least number of consistent samples in a stretch; fewer count as a spike."""
 LONGEST_GAP = 600.0
-"""[s] Largest gap of stamps; beyond it the clock was changed."""
+"""[s] Largest gap between stamps; a longer one means that the clock was changed."""
 
 
 class Conditioned(NamedTuple):
-    """N even samples, NaN while sight is lost, for which a tracker decelerates."""
+    """N evenly spaced samples; NaN while sight is lost."""
 
     times: Array
     """(N,) [s] on the stamps' clock, dt apart, from the first valid sample."""
@@ -41,16 +41,13 @@ class Conditioned(NamedTuple):
     twists: Array
     """(N, 6) [m/s, rad/s] linear first, base frame, mean over the previous tick."""
     lost: NDArray[np.bool_]
-    """(N,) True where sight is lost."""
     dropped: int
     """Number of samples left out: not finite, with stamps that do not advance, or spikes."""
     gaps: int
-    """Number of stretches without valid samples, jumps included."""
+    """Number of stretches without valid samples, including jumps."""
 
 
 class _Sample(NamedTuple):
-    """A valid sample."""
-
     stamp: float
     pose: Array
     """(7,) position and unit quaternion."""
@@ -63,7 +60,7 @@ _Tick = tuple[int, Array | None, Array]
 
 
 class _Stretches:
-    """Accepts samples in stretches of at least `TOGETHER` consistent samples."""
+    """Accept samples in stretches of at least `TOGETHER` consistent samples."""
 
     def __init__(self, rule: Conditioner) -> None:
         self.rule, self.dropped = rule, 0
@@ -78,7 +75,7 @@ class _Stretches:
         return self.held[-1] if self.held else self.last
 
     def take(self, sample: _Sample) -> list[_Sample]:
-        """Newly accepted samples: this one, also the beginning of its stretch, or none."""
+        """Accept a sample: return it, it with the beginning of its stretch, or nothing."""
         newest = self.newest
         goes_on = newest is not None and self._goes_on(newest, sample)
         if newest is not None and sample.stamp <= newest.stamp:
@@ -86,7 +83,7 @@ class _Stretches:
             if not back or (self.last is not None and sample.stamp <= self.last.stamp):
                 self.dropped += 1
                 return []
-            goes_on = False  # what was held was of the future
+            goes_on = False  # the held samples had stamps from the future
         if goes_on and not self.held:
             self.last = sample
             return [sample]
@@ -108,19 +105,19 @@ class _Stretches:
 
 
 class Conditioner(OneThread):
-    """Conditions a tracker's samples one by one.
+    """Condition a tracker's samples one by one.
 
     Positions and rotations are interpolated linearly at even ticks. Then each coordinate, also of the quaternion,
     passes a low-pass filter of two equal poles. Sight counts as lost between samples more than `max_gap` apart, and if
-    the hand would have moved faster than possible; then the filter restarts. One or two stamps from the future are left
-    out like spikes. Lost ticks are returned afterwards, unless stamps jump by more than 600 s because the clock was
-    changed; then times continue from there. An object belongs to one thread: see `OneThread`.
+    the hand would have moved faster than possible; then the filter restarts. Lost ticks are returned once sight is
+    back. If stamps jump by more than 600 s, the clock was changed, and times continue from there. An object belongs to
+    one thread, see `OneThread`.
 
     Parameters
     ----------
     dt : [s] between even samples.
     cutoff_hz : [Hz] of each pole; infinite for no filter.
-    max_gap : [s]
+    max_gap : [s] largest time between samples that is interpolated.
     max_speed, max_turn_rate : [m/s, rad/s] of a hand.
     """
 
@@ -144,7 +141,9 @@ class Conditioner(OneThread):
 
     @property
     def lag(self) -> float:
-        """[s] lag of the filter in steady motion, 2 (1 - a)/a ticks; live, a sample interval is added."""
+        """[s] Lag of the filter in steady motion, 2 (1 - a)/a ticks with the filter's gain a; live, add a sample
+        interval.
+        """
         return 2.0 * (1.0 - self.gain) / self.gain * self.dt
 
     def reset(self) -> None:
@@ -152,8 +151,8 @@ class Conditioner(OneThread):
         self._claim()
         self.gaps, self._stretches = 0, _Stretches(self)
         self._origin = math.nan
-        self._next = 0  # tick to be given next
-        self._state: tuple[Array, Array, Array] | None = None  # filter's poles, and the last pose
+        self._next = 0  # next tick to return
+        self._state: tuple[Array, Array, Array] | None = None  # the filter's two poles, and the last pose
         self._give_away()
 
     @property
@@ -162,7 +161,7 @@ class Conditioner(OneThread):
         return self._stretches.dropped
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
-        """Even samples (none, one or many) completed by one sample of the tracker.
+        """Process one sample and return the even samples (none, one or many) that it completes.
 
         Parameters
         ----------
@@ -187,7 +186,7 @@ class Conditioner(OneThread):
         return self._given(out)
 
     def _opened(self, first: _Sample) -> list[_Tick]:
-        """The lost ticks before a stretch."""
+        """Lost ticks before a stretch."""
         self.gaps += not math.isnan(self._origin)
         if not first.stamp - (self._origin + self._next * self.dt) <= LONGEST_GAP:
             self._origin, self._next = first.stamp, 0
@@ -198,7 +197,7 @@ class Conditioner(OneThread):
         return out
 
     def _up_to(self, sample: _Sample) -> list[_Tick]:
-        """The ticks up to a sample that continues a stretch."""
+        """Ticks up to a sample that continues a stretch."""
         out: list[_Tick] = []
         t0, a, _ = self._from
         while (at := self._origin + self._next * self.dt) <= sample.stamp:
@@ -260,7 +259,7 @@ def conditioned(
         if counts:
             parts[-1] += [each.number for each in counts]
     for part in parts:
-        x[part, 3:] = continuous_quaternions(x[part, 3:])  # those between are left out
+        x[part, 3:] = continuous_quaternions(x[part, 3:])  # ticks between are left out
     if not parts:
         within = f"stamps [s] at most {rule.max_gap:g} apart and places [m] no faster than {rule.max_speed:g} m/s"
         expected = f"at least {TOGETHER} valid samples together, of {within}"
@@ -301,18 +300,18 @@ def _usable(times: Array, samples: Array) -> NDArray[np.bool_]:
 
 
 def _first_tick(start: float, origin: float, dt: float) -> int:
-    """The first tick not before `start`."""
+    """First tick not before `start`."""
     tick = math.ceil((start - origin) / dt - 1e-9)
     return tick + int(origin + tick * dt < start)
 
 
 def _twists(states: Array, dt: float) -> Array:
-    """(N, 6) twists from filtered positions and quaternions (N, 7), over the previous tick; the first is zero."""
+    """Twists (N, 6) over the previous tick from filtered positions and quaternions (N, 7); the first is zero."""
     twists = np.zeros((len(states), 6))
     twists[1:, :3] = np.diff(states[:, :3], axis=0) / dt
     q = states[:, 3:] / np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
     a, b = q[:-1], q[1:]
-    # The vector part of b a^-1: the axis times the sine of half the angle.
+    # Vector part of b a^-1: axis times sine of half the angle.
     vector = b[:, :3] * a[:, 3:] - a[:, :3] * b[:, 3:] + np.cross(a[:, :3], b[:, :3])
     sine = np.linalg.norm(vector, axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, np.abs(np.sum(a * b, axis=1, keepdims=True)))

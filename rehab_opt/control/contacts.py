@@ -1,14 +1,13 @@
 """Nearest contacts of two bodies as expressions: capsule and capsule, capsule and box, ball and half-space.
 
-The distance of two capsules is that of their segments minus their radii. It is not smooth where the nearest points
-jump: parallel segments touch along a line, and a small tilt moves the nearest point from one end of the line to the
-other. So each function returns several contacts: the nearest points, and the points at which two parallel bodies would
-touch first after a tilt. Each contact is between material points, whose distance is smooth and at least that of the
-bodies. Rows on all of them do not chatter, unlike a row on the nearest alone.
+The distance of two capsules is that of their segments minus their radii. For parallel segments it is not smooth: a
+small tilt moves the nearest point from one end to the other. So each function returns several contacts: the nearest
+points, and the points at which two parallel bodies would touch first after a tilt. Each contact joins two material
+points, so its distance is smooth. Rows on all contacts do not chatter, unlike a row on the nearest contact alone.
 
 A contact is a column of `CONTACT` numbers: distance [m]; unit normal (3,), from the other body towards the first;
-moment p x normal (3,) [m] with the contact point p; and the velocity of the other body's point along the normal [m/s].
-A missing contact has the distance `FAR`.
+moment p x normal (3,) [m] with the contact point p; velocity of the other body's point along the normal [m/s]. A
+missing contact has the distance `FAR`.
 """
 
 from __future__ import annotations
@@ -29,33 +28,31 @@ CONTACTS = 5
 FAR = 1e3
 """[m] Distance of a missing contact or body."""
 TINY = 1e-12
-"""[m] Distances below this give no direction; [m^2] squared length of a segment that counts as a point."""
+"""[m] Distances below this give no direction; [m^2] segments of a smaller squared length count as points."""
 PARALLEL = 1e-14
 """Squared sine of the angle below which segments count as parallel, so that only their ends matter."""
 SAME = 1e-9
-"""Least difference of two points on a segment, as a fraction of it."""
+"""Least difference of two points on a segment, as a fraction of its length."""
 BESIDE, AGAIN = 5e-4, 1.0
-"""[m] Distance of two contacts of a pair below which the later one gets up to this much more room, because one row
-serves both."""
+"""[m] Two contacts of a pair nearer than `BESIDE` share one row: the later one gets up to `AGAIN` more room."""
 
 
 class Approach(NamedTuple):
     """Relative motion of two bodies, and flags of ends that another pair covers.
 
-    The room of a contact is its distance minus `lead` times its closing speed, so that fast bodies get rows before near
-    ones at rest. A pair's room is that of its nearest contact.
+    The room of a contact is its distance minus `lead` times its closing speed, so fast bodies get rows before near ones
+    at rest. A pair's room is that of its nearest contact.
     """
 
     twist: ca.SX
-    """(6,) [rad/s, m/s] angular velocity, and linear velocity at the origin, of the first body relative to the other
-    body at rest."""
+    """(6,) [rad/s, m/s] first body relative to the other: angular velocity, and linear velocity at the origin."""
     lead: ca.SX
     """[s]"""
     told: ca.SX
-    """(4,) flags of the ends of both bodies; 0 for an end shared with an adjacent body whose pair covers it."""
+    """(4,) flags of the ends of both bodies; 0 for an end that the pair of an adjacent body covers."""
 
     def room(self, distance: ca.SX, normal: ca.SX, moment: ca.SX, speed: ca.SX | float) -> ca.SX:
-        """[m] of a contact."""
+        """Room [m] of a contact."""
         closing = speed - ca.dot(moment, self.twist[:3]) - ca.dot(normal, self.twist[3:])
         return distance - self.lead * ca.fmax(closing, 0)
 
@@ -71,31 +68,31 @@ def capsule_and_capsule(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Distance [m] of two capsules, approximate room [m] of their nearest points, contacts (9, 5) with room.
 
+    Overlapping bodies have a negative distance, down to minus `radii` for segments that intersect.
+
     Parameters
     ----------
     first, other : (3,), (3,) [m] ends of their segments; equal ends make a ball.
-    radii : [m] their sum. speeds : (3,), (3,) [m/s] velocities of the other one's ends. near : see `Approach`.
-
-    The distance is that of the segments minus `radii`. It is negative for overlapping bodies, down to minus `radii` for
-    segments that intersect.
+    radii : [m] sum of both radii. speeds : (3,), (3,) [m/s] velocities of the other capsule's ends. near : see
+        `Approach`.
     """
     (a, a_end), (b, b_end) = first, other
     along, across = a_end - a, b_end - b
     aa, bb, ab = ca.sumsqr(along), ca.sumsqr(across), ca.dot(along, across)
     gap = a - b
     c, f = ca.dot(along, gap), ca.dot(across, gap)
-    # Of each end of the first the nearest point of the other; t is where on the other, s where on the first.
+    # Nearest point of the other to each end of the first; t is the position on the other, s on the first.
     places = [
         (
             ca.SX(end),
             clipped((f + end * ab) / ca.fmax(bb, TINY), 0, 1),
             aa > TINY if end else ca.SX(1),
-        )  # a ball has one
+        )  # a ball has one end
         for end in (0, 1)
     ]
     for end in (0, 1):
         s = (end * ab - c) / ca.fmax(aa, TINY)
-        inside = all_true(s > 0, s < 1, bb > TINY if end else ca.SX(1))  # otherwise the first's ends tell
+        inside = all_true(s > 0, s < 1, bb > TINY if end else ca.SX(1))  # otherwise the ends of the first cover it
         places.append((clipped(s, 0, 1), ca.SX(end), inside))
     sine = aa * bb - ab * ab
     s = (ab * f - bb * c) / ca.fmax(sine, TINY * PARALLEL)
@@ -119,7 +116,7 @@ def capsule_and_capsule(
     sizes = ca.vertcat(ca.sqrt(aa), ca.sqrt(bb))
     on_both = [sizes * ca.vertcat(s, t) for s, t, _ in places]
     _behind_those_beside(contacts, on_both, [ca.sqrt(each) for each in squares], told)
-    # The nearest points of lines, moved into one segment and then into the other: exact but where they are parallel.
+    # Nearest points of the lines, clipped to one segment and then to the other: exact unless parallel.
     s = clipped((ab * f - bb * c) / ca.fmax(sine, TINY * PARALLEL), 0, 1)
     t = clipped((ab * s + f) / ca.fmax(bb, TINY), 0, 1)
     s = clipped((ab * t - c) / ca.fmax(aa, TINY), 0, 1)
@@ -128,7 +125,7 @@ def capsule_and_capsule(
 
 
 def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give more room to contacts at the place [m] of a nearer contact, or of one that another pair covers."""
+    """Give more room to a contact beside a nearer one (`places` in m), or if another pair covers it."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
             nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]
@@ -139,7 +136,6 @@ def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list
 
 
 def _where(there: ca.SX, contact: ca.SX) -> ca.SX:
-    """The contact, or a missing one."""
     distance, room = (ca.if_else(there, each, FAR) for each in (contact[0], contact[-1]))
     return ca.vertcat(distance, contact[1:-1], room)
 
@@ -149,15 +145,14 @@ def capsule_and_box(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Distance [m] of a capsule and a box, room [m] of their nearest contact, contacts (9, 5) with room.
 
+    If the segment cuts the box, the distance is minus the shortest translation out of the box, minus `radius`. The
+    contact then points out through the nearest face of the box at the deepest cut.
+
     Parameters
     ----------
     ends : (3,), (3,) [m] of the capsule's segment. turn : (3, 3) axes of the box as columns. centre : (3,) [m] of the
         box.
     half : (3,) [m] half its sizes. radius : [m] of the capsule. near : see `Approach`.
-
-    Outside it is the distance of the segment from the box minus `radius`. If the segment cuts the box, it is exactly
-    minus the shortest translation out of the box, minus `radius`: the Minkowski sum of box and segment has twelve
-    faces. The contact then points out through the nearest face of the box at the deepest cut.
     """
     start, stop = (turn.T @ (end - centre) for end in ends)
     along = stop - start
@@ -169,8 +164,8 @@ def capsule_and_box(
     def slope(t: ca.SX | float) -> ca.SX:
         return ca.dot(beyond(t), along)
 
-    # The square of the distance is convex along the segment, and quadratic between the places where the segment
-    # crosses a plane of a face: its slope there is looked at, and zero where two of them say.
+    # The squared distance is convex along the segment, and quadratic between the points where the segment crosses
+    # the planes of faces: find the interval in which its slope changes sign.
     steep = ca.if_else(ca.fabs(along) > TINY, along, TINY)
     crossings = [clipped((side * half[i] - start[i]) / steep[i], 0, 1) for i in range(3) for side in (-1, 1)]
     knots = [ca.SX(0), ca.SX(1), *crossings]

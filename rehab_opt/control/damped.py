@@ -9,7 +9,7 @@ __all__ = ["DAMPING", "PASSES", "damped_velocity"]
 DAMPING = 4e-4
 """Squared singular value [m/rad or 1] below which a direction counts as singular."""
 PASSES = 3
-"""Passes of the damped solve: each reduces the damping's error far from singular postures."""
+"""Number of passes; each reduces the damping's error far from singular postures."""
 
 
 def damped_velocity(
@@ -20,9 +20,10 @@ def damped_velocity(
     damping: ca.SX | float = DAMPING,
     passes: int = PASSES,
 ) -> ca.SX:
-    """(n,) iterated damped least squares: J'(K^-1 + d K^-2 + d^2 K^-3 + ...) v with K = J J' + d I.
+    """Joint velocities (n,) by iterated damped least squares: J'(K^-1 + d K^-2 + ...) v with K = J J' + d I.
 
-    The part of `drift` (n,) that does not move the hand is added, for the posture of redundant chains.
+    J is the Jacobian, v the twist, d the damping. The part of `drift` (n,) that does not move the hand is added, for
+    the posture of redundant chains.
     """
     k = jacobian.size1()
     diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + damping * ca.SX.eye(k), False)

@@ -1,4 +1,4 @@
-"""Energy that a force may still deliver to a hand: a bound that no motion of the hand can exceed."""
+"""Energy that a force may still deliver to a hand: a bound that no hand motion can exceed."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
 TAIL = 5.0
-"""Number of time constants of a lag within the window; the rest of its response is the tail, see `EnergyTank`."""
+"""Time constants of a lag that the window covers; the rest of the lag's response is the tail, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)
-"""1.5 exp(-TAIL); the factor covers the fading of older forces, see `FADES`."""
+"""Weight of the tail; the factor 1.5 covers the fading of older forces, see `FADES`."""
 SLOTS = 10
-"""Number of time slots for the forces under way."""
+"""Number of time slots of past commands."""
 FADES = 3.0
 """[windows] Time constant with which older forces fade."""
 
 
 @cache
 def tank_record(slots: int) -> Record:
-    """State of a tank; at first `level` is the budget, and the others are zero.
+    """State of a tank; at first `level` is the budget and the rest is zero.
 
-    level : [J] left at the last valid position. pending : [J] reserved since then. coming : [J] that the forces already
-        sent may deliver beyond that. disputed : [J] returned after hidden motion, and withdrawn if a jump follows at
-        once. unseen : [s] since the last valid position. varied : [J] largest additional work since then of forces
-        other than `along`. peak : [N] largest force since then. along : (2,) [N] first force since then. gap : whether
-        there were several ticks.
-
+    level : [J] energy left at the last valid position.
+    pending : [J] energy reserved since then.
+    coming : [J] energy that the commands already sent may deliver beyond `pending`.
+    disputed : [J] energy returned after hidden motion; withdrawn if a jump follows at once.
+    unseen : [s] time since the last valid position.
+    varied : [J] largest additional work since then of forces other than `along`.
+    peak : [N] largest force since then. along : (2,) [N] first force since then.
+    gap : whether there were several ticks since then.
     lately, swing : [N] largest force so far, and accumulated change of the force, both fading.
-
-    x, y, around, impulse, seconds : (slots,) the last sent forces, the newest first: per time slot the centre and
-        radius [N] of a disc with all its forces, the integral of their size [N s], and its duration [s].
+    x, y, around, impulse, seconds : (slots,) per time slot, newest first: centre and radius [N] of a disc with all its
+        forces, integral of their size [N s], and duration [s].
     """
     sent = dict.fromkeys(("x", "y", "around", "impulse", "seconds"), slots)
     return Record(
@@ -48,22 +49,23 @@ def tank_record(slots: int) -> Record:
 class EnergyTank:
     """Remaining energy of a budget, from commanded forces and the displacements measured while they acted.
 
-    A force F during a displacement dx delivers F.dx, which is known only afterwards. While positions are missing, or
-    repeat exactly as with a frozen sensor, the largest energy that a hand within `speed_cap` could have drawn is
-    reserved. The next position replaces the reserve, unless a jump follows at once. Energy that the hand puts in is
-    added, up to the budget, if every step was measured. Between two positions only the sum of input and output counts.
+    The work F.dx of a force F is known only after the displacement dx. While positions are missing or repeat exactly,
+    the largest energy that a hand within `speed_cap` could have drawn is reserved. The next position replaces the
+    reserve, unless a jump follows at once. Energy that the hand puts in is added, up to the budget, if every step was
+    measured.
 
-    A force acts with a delay of up to `window`, except for a lagging remainder. So a step dx costs the largest max F.dx
-    over the forces of the window, plus a tail: a fraction exp(-TAIL) of a lagging force was sent before the window. A
-    sent force can still deliver at most its impulse times the speed cap. `ceiling` is the largest force F that, in
-    addition, leaves enough energy for a release within the slew bound after a tick of length `late`:
+    A force acts with a delay of up to `window`, except for a lagging remainder. So a step dx costs the largest F.dx
+    over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. A command already sent can
+    still deliver at most its impulse times the speed cap. `ceiling` is the largest force F that leaves enough energy
+    for a release within the slew limit after a tick of length `late`:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    So no hand below the speed cap draws more than the budget: the delivered energy plus speed_cap times the impulse
-    under way never exceeds it. Assumptions: the hand moves straight between samples, and a force acts at most `window`
-    late. Numbers are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the sent
-    force, then `seen` or `jumped`, or neither.
+    A hand below the speed cap therefore never draws more than the budget. Assumptions: the hand moves straight between
+    samples, and a force acts at most `window` late.
+
+    Numbers are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the last command,
+    then `seen` or `jumped`, or neither.
 
     Parameters
     ----------
@@ -94,18 +96,18 @@ class EnergyTank:
 
     @property
     def left(self) -> ca.SX:
-        """[J] energy that is certainly left."""
+        """Energy [J] that is certainly left."""
         return self.numbers.level - self.numbers.pending
 
     @property
     def ceiling(self) -> ca.SX:
-        """[N] largest force that may be commanded now; zero without energy."""
+        """Largest force [N] that may be commanded now; zero without energy."""
         slow, free = self._slew * self.late, ca.fmax(self.left - self._to_come, 0)
         return ca.sqrt(slow * slow + 2.0 * self._slew * free / self._speed) - slow
 
     @property
     def _to_come(self) -> ca.SX:
-        """[J] energy that a hand can still draw from sent forces, beyond the reserve."""
+        """Energy [J] that a hand can still draw from past commands, beyond the reserve."""
         now, spare = self.numbers, ca.fmax(self._window / max(self._slots - 2, 1), self._of["dt"])  # stamps jitter
         lasts = ca.fmax(self._window + spare - self._ages(), 0)
         under_way = ca.sum1(ca.fmin(now.impulse, lasts * (ca.hypot(now.x, now.y) + now.around)))
@@ -113,7 +115,7 @@ class EnergyTank:
         return ca.if_else(now.unseen > 0, now.coming, (under_way + lags) * self._speed)
 
     def _ages(self) -> ca.SX:
-        """(slots,) [s] since each slot ended."""
+        """Time [s] since each slot ended, (slots,)."""
         seconds = [ca.SX(0), *ca.vertsplit(self.numbers.seconds)[:-1]]
         return ca.vertcat(*itertools.accumulate(seconds))
 
@@ -123,10 +125,12 @@ class EnergyTank:
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """Add a force (2,), sent for `seconds` or at most `at_most`, to the newest slot, or a new one if full."""
+        """Add a force (2,), commanded for `seconds` or at most `at_most`, to the newest slot, or to a new one if it is
+        full.
+        """
         now, x, y = self.numbers, force[0], force[1]
         impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
-        fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so all pieces together are longer than that
+        fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so that all slots exceed the window
         around = ca.fmax(now.around[0], ca.hypot(x - now.x[0], y - now.y[0]))
         after = {}
         for name, fresh, joined in (
@@ -144,9 +148,9 @@ class EnergyTank:
         return self._with(lately=lately, swing=swing, **after)
 
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
-        """Account for a force (2,) sent for at most `seconds`, with any hand motion within the speed cap.
+        """Account for a force (2,) commanded for at most `seconds`, with any hand motion within the speed cap.
 
-        `surely` [s] sums up to the elapsed time, by which forces under way expire.
+        Over the ticks, `surely` [s] sums up to the elapsed time; past commands expire by it.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
         draws = self._to_come + ca.norm_2(force) * reach
@@ -172,22 +176,22 @@ class EnergyTank:
         work = self._most(now.x * moved[0] + now.y * moved[1] + now.around * way) + self._tail * way
         work = ca.if_else(now.gap, hidden, work)
         disputed = ca.if_else(now.gap, now.pending - work, 0)
-        level = ca.fmax(now.level - work, ca.fmin(now.level, 0))  # more than the budget is only counted, never drawn
+        level = ca.fmax(now.level - work, ca.fmin(now.level, 0))  # more than the budget is counted but never drawn
         return self._with(level=ca.fmin(level, self._budget), disputed=disputed)._settled()
 
     def jumped(self, distance: ca.SX) -> EnergyTank:
-        """Account for a position jump beyond the speed cap: energy that a hand could have drawn is lost."""
+        """Account for a position jump beyond the speed cap: the energy that a hand could have drawn is lost."""
         now = self.numbers
         drawn = now.disputed + now.pending + now.peak * ca.fmin(distance, HAND_SPEED * now.unseen)
         return self._with(level=now.level - drawn, disputed=ca.SX(0))._settled()
 
     def left_alone(self, force: ca.SX, seconds: ca.SX, following: ca.SX) -> EnergyTank:
-        """Account for a force (2,) sent for `seconds` without a position; `following` (2,) acts from now on."""
+        """Account for a force (2,) commanded for `seconds` without a position; `following` (2,) acts from now on."""
         blind = self.elapsed(force, seconds, seconds).jumped(ca.SX(0))
         return blind._sent(following, ca.SX(0), self._window)
 
     def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
-        """The tank after a fraction of its free energy is taken, and that energy [J].
+        """Take a fraction of the free energy; return the tank and that energy [J].
 
         Free energy excludes disputed energy and energy that `force` (2,) may still deliver.
         """

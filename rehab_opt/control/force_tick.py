@@ -1,7 +1,4 @@
-"""One tick of a bounded force as functions of (model, memory, inputs): check the sample, then bound the force.
-
-In between, the controller computes the desired force. C code is generated from the same functions.
-"""
+"""One tick of a bounded force as functions: check the sample, then bound the force; C code is generated from them."""
 
 from __future__ import annotations
 
@@ -41,33 +38,35 @@ __all__ = [
 ]
 
 MISSED = 1e-6
-"""Least difference between commanded and desired force, as a fraction, that counts as a relaxed task."""
+"""Least relative difference between commanded and desired force that counts as a relaxed task."""
 MODEL = Record(
     dt=1, max_age=1, force_limit=1, slew_limit=1, growth_limit=1, speed_cap=1, velocity_lag=1, trust_stillness=1,
     budget=1, window=1, tail=1, jitter=1, learns=1, tolerance=1,
 )  # fmt: skip
-"""Parameters of people and robots: see `BoundedForce`. window [s] and tail are those of `EnergyTank`; jitter [m] is the
-largest displacement by noise between two samples, learns whether it is learnt instead."""
+"""Parameters of `BoundedForce`; window [s] and tail of `EnergyTank`; jitter [m], the largest displacement by noise
+between two samples; learns, whether the jitter is learnt.
+"""
 VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1, grown=1)
-"""A checked sample of the hand: position [m], velocity [m/s], reason why it is invalid, whether the force is released
-at once, largest force [N], remaining energy [J], whether the position repeats, and the largest force [N] by the growth
-limit."""
+"""Checked sample of the hand: position [m], velocity [m/s], reason why it is invalid, whether the force is released at
+once, largest force [N], remaining energy [J], whether the position repeats, largest force [N] by the growth limit.
+"""
 DESIRED = Record(force=2, lets_go=1)
-"""[N] force before any bound, possibly NaN; whether the hand is released: `BLOCKED`."""
+"""[N] Force before any bound, possibly NaN; whether the hand is released: `BLOCKED`."""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
 """A command: whether another solver should be tried; force [N]; index of the status in `NUMBERED`; certificate
-residual, infinite for a release; solver; relaxed bounds; delivered fraction of the desired force; reason; and desired
-force [N], zero for an invalid state."""
+residual, infinite for a release; solver; relaxed bounds; delivered fraction of the desired force; reason; desired force
+[N], zero for an invalid state.
+"""
 FORGOTTEN = 2.0
-"""[s] Time in which the largest recent force fades; smaller forces are no surprise to a person meanwhile."""
+"""[s] Time in which the largest recent force fades; a smaller force does not surprise a person."""
 BEYOND = 1e6
 """[m, N] A message with a larger number is corrupt."""
 MESSAGE = Record(place=2, force=2, energy=1, serial=1)
-"""Message of a side: hand position [m], NaN if invalid; force on it [N]; sent energy [J]; serial number."""
+"""Message of a side: hand position [m], NaN if invalid; force on the hand [N]; energy sent [J]; serial number."""
 LEAP = 100
-"""Largest number of lost messages in a row; after a larger leap of the serial, the next message must confirm it."""
+"""Largest number of messages lost in a row; after a larger leap of the serial, the next message must confirm it."""
 NUMBERS = Record(said=1, newest=1, heard=1)
-"""Serials of the last sent message, of the newest accepted one, and of the last received one."""
+"""Serials of the last sent message, of the newest accepted message, and of the last received message."""
 LATEST = 1.0
 """[s] Longest time between two ticks for which energy is reserved."""
 
@@ -93,7 +92,7 @@ class ForceTick(NamedTuple):
 
 @cache
 def force_tick(slots: int) -> ForceTick:
-    """The tick of every `BoundedForce`; its parameters are in `MODEL`."""
+    """Tick of every `BoundedForce`; the controller's parameters are in `MODEL`."""
     statement, precompute, finish = assistance_statement(), _precompute(), _finish()
     inputs = model, last, view, desired = finish.sx_in()[:4]
     parameters, _ = precompute(model, view, desired)
@@ -152,7 +151,7 @@ def _precompute() -> ca.Function:
 
 
 def _finish() -> ca.Function:
-    """Function of the command: a certified force, or a release within the slew bound or at once."""
+    """Function of the command: a certified force, or a release within the slew limit or at once."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
     desired, lets_go = wanted.force, wanted.lets_go != 0
     last, answer, size = ca.SX.sym("last", 2), ca.SX.sym("answer", 4), ca.norm_2(desired)
@@ -161,10 +160,10 @@ def _finish() -> ca.Function:
     found = all_true(meant, residual >= 0, residual <= model.tolerance)
 
     missed = ca.norm_2(given - desired) > MISSED * size + TINY
-    enough = NEGLIGIBLE * ca.fmin(1, model.force_limit / size)  # of what the force limit leaves of it
+    enough = NEGLIGIBLE * ca.fmin(1, model.force_limit / size)  # fraction of the desired force within the force limit
     scale = ca.if_else(lets_go, 0, delivered_fraction(given, desired, missed, least=TINY, enough=enough))
     blocked, dry = scale == 0, view.ceiling <= enough * size
-    # The last stage: no force.
+    # Last stage: no force.
     strength, step = ca.norm_2(last), model.slew_limit * model.dt
     hasty = ca.logic_and(view.at_once, view.reason != 0)
     keep = ca.if_else(ca.logic_or(hasty, strength <= step), 0, 1 - step * EXACT / strength)
@@ -206,7 +205,7 @@ def _finish() -> ca.Function:
 
 @cache
 def affordable(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,) -> current largest force [N], energy [J], growth limit [N]."""
+    """Function: `MODEL`, `watched_record`, last force (2,) -> largest force [N], energy [J], growth limit [N]."""
     model, watched, force = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("force", 2)
     ceiling, left = _affordable(_tank(watched.tank, model, slots), model)
     grown = _growth(watched.felt, force, model)[1]
@@ -218,7 +217,7 @@ def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
 
 
 def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
-    """[N] largest recent force after `force` (2,), and largest force that may be sent next."""
+    """Largest recent force [N] after `force` (2,), and largest force [N] that may be commanded next."""
     fades = model.force_limit / FORGOTTEN * model.dt
     now = ca.fmax(ca.norm_2(force), felt - fades)
     return now, now + model.growth_limit * model.dt
@@ -226,9 +225,9 @@ def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
 
 @cache
 def anew(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last and new force (4,) -> `watched_record` without a position.
+    """Function: `MODEL`, `watched_record`, last and new force (4,) -> `watched_record` without a position.
 
-    The tank keeps its energy minus what a hand could have drawn since the last position.
+    The tank loses the energy that a hand could have drawn since the last position.
     """
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     forces = ca.SX.sym("forces", 4)
@@ -252,11 +251,11 @@ def anew(slots: int) -> ca.Function:
 
 @cache
 def hear(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`, those two.
+    """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`,
+    those two.
 
-    A message is new if its serial exceeds that of every accepted message, and exceeds the newest or the last received
-    one by at most `LEAP`. Other messages give no energy and NaN. So nothing counts twice, and a corrupted serial
-    without successor does not block later messages.
+    A message is new if its serial exceeds that of every accepted message, and exceeds that of the newest or of the last
+    received message by at most `LEAP`. Other messages give NaN and no energy.
     """
     model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
     numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))
@@ -271,7 +270,7 @@ def hear(slots: int) -> ca.Function:
 
 @cache
 def say(slots: int) -> ca.Function:
-    """Inputs of `give`, `VIEW`, `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
+    """Function: inputs of `give`, `VIEW`, `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
     energies, view, numbers = give(slots).sx_in(), VIEW.symbols("view"), NUMBERS.symbols("numbers")
     after, energy = give(slots)(*energies)
     place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers.said + 1
@@ -282,7 +281,9 @@ def say(slots: int) -> ca.Function:
 
 @cache
 def give(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, last force (2,), fraction of the energy to send -> `watched_record`, energy [J]."""
+    """Function: `MODEL`, `watched_record`, last force (2,), fraction of the energy to send -> `watched_record`, energy
+    [J].
+    """
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     force, fraction = ca.SX.sym("force", 2), ca.SX.sym("fraction")
     tank, energy = _tank(watched.tank, model, slots).given(fraction, force)
@@ -292,7 +293,7 @@ def give(slots: int) -> ca.Function:
 
 @cache
 def take(slots: int) -> ca.Function:
-    """`MODEL`, `watched_record`, energy from another tank [J] -> `watched_record`."""
+    """Function: `MODEL`, `watched_record`, energy from another tank [J] -> `watched_record`."""
     model, watched, energy = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("energy")
     tank = _tank(watched.tank, model, slots).filled(energy)
     after = watched_record(slots).changed(watched, tank=tank.numbers.column).column

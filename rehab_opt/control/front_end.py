@@ -4,9 +4,9 @@ A controller acts on the commanded positions, which delay and noise do not distu
 
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
-where [low, high] is the range of the commanded position over the last LATE to 2 LATE, low-passed with LATE, relative
-to its current value. A servo with a delay of up to LATE, a lag of up to LATE, or both, keeps its joint in this range.
-At rest the range is empty: the commanded position moves to the encoder, also of joints that are pushed, sag or stick.
+Here led is the commanded position. [low, high] is its low-passed range over the last LATE to 2 LATE, relative to its
+current value. A servo with a delay or lag of up to LATE keeps its joint in this range. At rest the range is empty, so
+the commanded position moves to the encoder, also if the joint is pushed, sags or sticks.
 """
 
 from __future__ import annotations
@@ -29,26 +29,28 @@ LATE = 0.1
 PULL = 10.0
 """[1/s] Rate of approach to the measured position; noise is multiplied by sqrt(PULL dt / 2)."""
 WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
-"""[rad or m] Commanded travel in one direction after which a joint is checked, twice. It counts as blocked if it has
-moved less than this fraction; [s, ticks] time for which that is no fault."""
+"""[rad or m] Commanded travel after which a joint is checked; fraction of it below which the joint counts as blocked;
+[s, ticks] time for which blocking is no fault.
+"""
 BEYOND = 0.3
-"""[rad] Largest excess of a joint over its limit at the first sample; further off, whole turns are subtracted."""
+"""[rad] Largest excess of a joint over its limit at the first sample; beyond it, whole turns are subtracted."""
 COUNTED = 12 * math.pi
 """[rad] Largest position of a joint with limits; a larger one must be in degrees."""
 NOISE = 1e-3
 """[rad or m] Excess over a limit that counts as noise."""
 JUMP = 0.015
-"""[rad or m] Allowance of a sample beyond twice the joint's largest motion in a tick."""
+"""[rad or m] Largest jump of a sample beyond twice the joint's largest motion in a tick."""
 SAID = Record(fault=1, joint=1, far=1, missing=1)
-"""Fault (0 for none), its joint, the distance of this joint's measured position from the commanded one [rad or m];
-whether the measured positions are impossible."""
+"""Fault (0 for none), its joint, this joint's distance between measured and commanded position [rad or m], and whether
+the measured positions are impossible.
+"""
 
 
 @cache
 def led_memory(n: int) -> Record:
     """Memory of a `FrontEnd` with n joints.
 
-    It has commanded positions; their range in the current period of `LATE` and in the period before; last measured
+    It holds the commanded positions; their range in the current and in the previous period of `LATE`; the last measured
     positions; commanded and measured travel since the last check; duration of blocking [s]; age of the current period
     [s]; number of valid samples, at most 2; whether the base has moved.
     """
@@ -57,10 +59,10 @@ def led_memory(n: int) -> Record:
 
 
 class FrontEnd:
-    """n joints of a chain at ticks of dt [s].
+    """Track the commanded positions of n joints at ticks of dt [s].
 
-    The first `base` joints are the position of a base. Their measured values are used directly, and checked only after
-    a first change, because a base may lack a measurement.
+    The first `base` joints are the position of a base. A base may lack a measurement, so its values are used directly
+    and checked only after they first change.
 
     Attributes
     ----------
@@ -78,14 +80,14 @@ class FrontEnd:
         number = all_true(ca.fabs(measured) <= _countable(chain))
         ahead = memory.led + dt * command
 
-        # Encoders that count a turn otherwise: the turn next to where the joint is led; at first one about its limits.
+        # Unwrap: the turn nearest to the commanded position; at first the one nearest to the middle of the limits.
         middle = ca.DM((np.clip(chain.lower, -1e6, 1e6) + np.clip(chain.upper, -1e6, 1e6)) / 2)
         inside = ca.logic_and(measured >= ca.DM(chain.lower) - BEYOND, measured <= ca.DM(chain.upper) + BEYOND)
         near = ca.if_else(memory.known, ahead, ca.if_else(inside, measured, middle))
         turned = near + self.shortest(measured - near)
 
-        # Between where it was seen last and where it may be by its commands, for a while after the last one, too. The
-        # first sample is dropped where the second contradicts it.
+        # Possible: between the last measurement and the position that the commands allow, `max_age` ahead included. The
+        # first sample is dropped if the second contradicts it.
         ends, step = _led_lately(memory, command, dt), turned - memory.seen
         further = ahead + max_age * command
         margin = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity * dt + JUMP))
@@ -96,7 +98,7 @@ class FrontEnd:
         good = ca.logic_or(anew, possible)
         known = ca.fmin(memory.known + good, 2)
 
-        # Noise about a limit leads no joint beyond it.
+        # Noise at a limit moves no commanded position beyond the limit.
         nearest = clipped(turned, ca.DM(chain.lower), ca.DM(chain.upper))
         place = ca.if_else(ca.fabs(turned - nearest) < NOISE, nearest, turned)
         apart = ca.if_else(possible, place - ahead, 0)
@@ -104,14 +106,14 @@ class FrontEnd:
         led = ca.if_else(anew, turned, ahead - math.expm1(-PULL * dt) * beside)
 
         placed = ca.logic_or(memory.placed, ca.logic_and(possible, ca.dot(1 - arm, ca.fabs(step)) > 0))
-        # Anew where the command turns round; how long a joint has been blocked, only if it stood until then.
+        # Restart when the command reverses; the blocked time continues only if the joint stood still.
         same = memory.way * command >= 0
         stood = ca.logic_and(ca.fabs(memory.way) > WINDOW / 3, ca.fabs(memory.moved) <= SHARE * ca.fabs(memory.way))
         watched = (arm + (1 - arm) * placed) * same
         way = watched * (memory.way + dt * command)
         moved = watched * (memory.moved + ca.if_else(possible, step, 0))
-        pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # by no command, whatever its sign
-        # At the end of a window, or sooner where the joint clearly goes along.
+        pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # moved by something else than the command
+        # At the end of a window, or sooner if the joint clearly follows.
         told = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.logic_not(pushed))
         lags = ca.logic_and(told, ca.sign(way) * moved < SHARE * ca.fabs(way))
         along = ca.logic_and(told, ca.sign(way) * moved > ca.fabs(way) / 2)
@@ -130,24 +132,24 @@ class FrontEnd:
         said = SAID.of(
             fault=longest > max(PATIENCE, TICKS * dt) + dt / 2, joint=joint, far=far, missing=ca.logic_not(good)
         )
-        numbers = ca.fabs(measured) <= MAX_MAGNITUDE  # what is no number is named by who is asked to act on it
+        numbers = ca.fabs(measured) <= MAX_MAGNITUDE  # the watchdog reports NaN
         reference = ca.if_else(known * arm * numbers, led, measured)
         inputs, outputs = [memory.column, measured, command], [column, reference, said]
         self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
 
     def shortest(self, way: ca.SX) -> ca.SX:
-        """(n,) differences [rad or m] without whole turns."""
+        """Differences (n,) [rad or m] without whole turns."""
         return way - self._turn * ca.floor(way / (2 * math.pi) + 0.5)
 
 
 def _countable(chain: SerialChain) -> ca.DM:
-    """(n,) [rad or m] largest credible positions."""
+    """Largest credible positions (n,) [rad or m]."""
     rotary, limited = [not row.prismatic for row in chain.rows], np.isfinite(chain.upper) & np.isfinite(chain.lower)
     return ca.DM(np.where(rotary & limited, COUNTED, MAX_MAGNITUDE))
 
 
 def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
-    """Recent range of the reference after a tick."""
+    """Recent range of the commanded position after a tick."""
     ended = memory.span + dt > LATE - dt / 2
     kept = {"span": ca.if_else(ended, 0, memory.span + dt)}
     for far, inner, before, clip in (
@@ -163,7 +165,7 @@ def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
 
 
 def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The largest of (n,), and its first index."""
+    """Largest of (n,), and its first index."""
     most, place = numbers[0], ca.SX(0)
     for i in range(1, numbers.numel()):
         place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])

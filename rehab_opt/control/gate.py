@@ -1,6 +1,6 @@
-"""Gate of assistance: Eq. (23), Rossa et al., and its counterpart of section VI, as functions of numbers and tables.
+"""Gate of assistance as functions: Eq. (23), Rossa et al., and its counterpart of section VI.
 
-Python evaluates them, and C code is generated from them.
+C code is generated from the same functions.
 """
 
 from __future__ import annotations
@@ -43,16 +43,17 @@ DesiredForce = Callable[[float, float, float, float], tuple[float, float]]
 PULL_BACK = Record(stiffness=1, force=1)
 """Pull of a hand back to the nearest point of a workspace: stiffness [N/m] and largest force [N]."""
 GATE = Record(acts_inside=1, pull_limit=1, onset=1, back=PULL_BACK.size)
-"""Whether the field acts inside or outside the workspace; its largest pull [N]; distance beyond the boundary over which
-it grows to full size [m]; pull back."""
+"""Whether the field acts inside the workspace; its largest pull [N]; distance [m] outside the boundary over which it
+grows to full size; pull back.
+"""
 SPRING = Record(stiffness=1, damping=1)
-"""S [N/m], D [N s/m]."""
+"""Stiffness [N/m] and damping [N s/m]."""
 FIELD = Record(sharpness=1, damping=2)
-"""Parameters of a field: 1 / sigma^2 [1/m^2], D [N s/m]."""
+"""Parameters of a field: 1 / sigma^2 [1/m^2] and damping [N s/m]."""
 
 
 def check_mode(mode: Mode, field: PotentialField) -> None:
-    """Raise an error for an unknown mode, or one that does not fit the field's drag.
+    """Raise an error for an unknown mode, or a mode that does not fit the field's drag.
 
     Raises
     ------
@@ -61,7 +62,7 @@ def check_mode(mode: Mode, field: PotentialField) -> None:
     if mode not in get_args(Mode):
         raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
     resists = field.drag < 0 or (field.drag > 0 and field.drag_along == "travelled")
-    if mode == "resist" and not resists and field.drag == field.drag:  # of a learnt field nobody knows beforehand
+    if mode == "resist" and not resists and field.drag == field.drag:  # unknown for a learnt field
         raise ConfigurationError("mode", mode, "another mode, or a field with drag against the motion")
     if mode != "resist" and resists:
         raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
@@ -76,12 +77,12 @@ def numbers_of(field: PotentialField) -> Array:
 def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Function:
     """Function of the desired force: the field, gated by the mode.
 
-    stretch, assist, resist (therapy): zero inside the comfortable workspace, the field outside, growing to full size
-    over the onset beyond the boundary. follow, hold (help in a task): the field inside; outside a bounded pull back to
-    the nearest comfortable point. A NaN offset of the field gives NaN.
+    The modes stretch, assist and resist give zero force inside the comfortable workspace; outside it the field grows to
+    full size over the onset. The modes follow and hold apply the field inside; outside, a bounded force pulls the hand
+    back to the nearest comfortable point. A NaN offset of the field gives NaN.
 
-    The field's pull is limited to `pull_limit` [N] before the damping is subtracted. If only their sum were limited,
-    nothing would slow a hand far from its target.
+    The field's pull is limited to `pull_limit` [N] before the damping is subtracted, so that damping acts far from the
+    target, too.
 
     Parameters
     ----------
@@ -130,8 +131,6 @@ def _gated() -> ca.Function:
 def guided_force(edges: int) -> ca.Function:
     """Function of a spring to a path point, damped only across the path, inside the workspace; see `gated_force`.
 
-    Returns
-    -------
     Position [m] and velocity [m/s] of the hand (4,), path point (2,) [m], direction of the path there (2,), fraction of
     the force, `SPRING`, `GATE`, `edge_columns` of the workspace -> desired force (2,) [N].
     """
@@ -155,10 +154,8 @@ def guided_force(edges: int) -> ca.Function:
 def reflected_force(edges: int) -> ca.Function:
     """Function of a force from the image of the hand, through the map's transposed Jacobian, with damping.
 
-    Outside the workspace it is a pull back to the nearest point. A NaN force at the image gives NaN: a release.
+    Outside the workspace the force pulls back to the nearest point. A NaN force at the image gives NaN, a release.
 
-    Returns
-    -------
     Position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), force at the image (2,) [N], damping [N
     s/m], `PULL_BACK`, `edge_columns` of the workspace -> desired force (2,) [N].
     """

@@ -1,4 +1,4 @@
-"""Checked position and velocity of a hand, with the energy drawn meanwhile."""
+"""Checked position and velocity of a hand, and the energy that it drew meanwhile."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["HAND", "SAMPLE", "HandState", "looked_at"]
 
 ROUNDING = 1e-12
-"""[m] Rounding of a step at the speed cap."""
+"""[m] Rounding error of a step at the speed cap."""
 SCATTER_RATE, MAX_SCATTER = 0.01, 2e-3
-"""[m/s], [m] Learning rate of the scatter of positions, and the largest scatter that counts as noise."""
+"""[m/s, m] Learning rate of the scatter of positions, and largest scatter that counts as noise."""
 SCATTER_PEAK = 3.6
-"""Peak of the noise between two samples over the scatter: six standard deviations, where the median is 1.67 of them."""
+"""Ratio of the peak noise between two samples (six standard deviations) to the scatter (the median, 1.67 of them)."""
 SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
 """Sample of a hand: position [m], velocity [m/s], whether a velocity is passed, stamp [s] and its kind (see
-`stamp_and_kind`), dead man's switch."""
+`stamp_and_kind`), dead man's switch.
+"""
 HAND = Record(x=2, v=2, estimated=2, halfway=2, scatter=1, stamp=1)
-"""Memory of a hand: last valid position [m], NaN at first; velocity (passed or estimated), estimated velocity, and
-output of the first of its two filters [m/s]; median distance of samples from the prediction [m]; stamp [s], NaN at
-first."""
+"""Memory of a hand: last valid position [m], NaN at first; velocity; estimated velocity, and output of the first of its
+two filters [m/s]; median distance of samples from the prediction [m]; stamp [s], NaN at first.
+"""
 
 
 class HandState(NamedTuple):
@@ -49,20 +50,16 @@ def looked_at(
 ) -> HandState:
     """Process one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
-    `stale` has the watchdog's reason and details. `model` has dt [s], the speed cap [m/s] above which a hand is
-    released, the lag of the estimated velocity [s], whether exactly repeated positions are trusted, and the largest
-    displacement by noise between two samples [m], or that it is learnt.
-
-    With noise, a single step says little about the speed. A continuous motion above the cap is detected by the
-    estimated velocity, to which noise adds at most its displacement over the lag.
+    `stale` has the watchdog's reason and details, `model` the numbers of `force_tick.MODEL`. A continuous motion above
+    the speed cap is detected by the estimated velocity, since noise hides it in a single step.
     """
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)
     advance = sample.stamp - memory.stamp
     begun, told = ca.fabs(memory.x[0]) < ca.inf, ca.fabs(memory.stamp) < ca.inf
-    least = ca.if_else(all_true(timed, ca.logic_not(begun), ca.logic_not(told)), tank.late, model.dt)  # since a reset
+    least = ca.if_else(all_true(timed, ca.logic_not(begun), ca.logic_not(told)), tank.late, model.dt)  # since the reset
     seconds = ca.if_else(all_true(timed, model.dt < advance, advance < ca.inf), advance, least)
-    # Stamps that jitter add up to the time that has gone; where there are none, ticks do.
+    # Jittering stamps add up to the elapsed time; without stamps, ticks do.
     surely = ca.if_else(all_true(timed, advance > 0, advance < ca.inf), advance, 0)
     waiting = tank.elapsed(force, seconds, ca.if_else(told, surely, model.dt))
 
@@ -74,7 +71,7 @@ def looked_at(
     jitter = ca.if_else(model.learns, SCATTER_PEAK * memory.scatter, model.jitter)
     within = distance <= cap * unseen * (1 + 1e-9) + ROUNDING + jitter
     jumped = all_true(looks, ca.logic_not(first), ca.logic_not(still), ca.logic_not(within))
-    # Differences through two equal low-passes, which leave half of the noise of one that lags as much.
+    # Two equal low-pass filters leave half of the noise of one filter with the same lag.
     fraction, fresh = unseen / (0.5 * model.velocity_lag + unseen), ca.logic_or(first, jumped)
     halfway = memory.halfway + fraction * (moved / unseen - memory.halfway)
     slower = memory.estimated + fraction * (halfway - memory.estimated)
