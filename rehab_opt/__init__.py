@@ -7,7 +7,8 @@ from typing import Any
 
 from rehab_opt.version import __version__ as __version__
 
-# Public names are loaded when they are first used: a refusal needs no CasADi. The stub says where each one is.
+# Public names are imported on first use, so an invalid argument is reported without loading CasADi. The stub
+# `__init__.pyi` lists the module of each name.
 _PLACES = {
     name: module
     for module, names in re.findall(
@@ -21,7 +22,7 @@ __all__ = [name for name in (*_PLACES, "measures") if name != "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    if name == "measures":  # a package whose functions are called by its name
+    if name == "measures":  # a package that is used by its name, as in `rehab_opt.measures.score`
         return importlib.import_module(f"{__name__}.measures")
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Where each public name is; `__init__.py` loads it from there when it is first used."""
+"""Module of each public name; `__init__.py` imports a name from its module on first use."""
 
 from rehab_opt import measures as measures
 from rehab_opt.control.arm_ik import ArmIK as ArmIK

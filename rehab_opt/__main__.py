@@ -1,4 +1,4 @@
-"""`python -m rehab_opt` is the command `rehab-opt`."""
+"""`python -m rehab_opt` runs the command `rehab-opt`."""
 
 from rehab_opt.cli import main
 

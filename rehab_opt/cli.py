@@ -1,8 +1,8 @@
-"""The command `rehab-opt`: run, list and check problem files, one or many; export their controllers.
+"""The command `rehab-opt`: list, check and run problem files, and export their controllers.
 
-Bad input gives one line on the error stream and exit code 2, and writes nothing. Exit code 0 means that the command
-succeeded, not that a hand reached its goal: see the notes, the numbers and the last line of `check`. `check` exits
-with 0 if `run` does.
+Invalid input gives one line on the error stream and exit code 2, and writes no file. Exit code 0 means that the
+command succeeded, not that a hand reached its goal: the notes and numbers of `run` report that. `check` exits with 0
+if `run` does.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point; `arguments` default to the command line."""
-    os.environ.setdefault("REHAB_OPT_COMPILE", "wait")  # a run that is over before its code is ready gains nothing
+    """Entry point of the command; `arguments` default to those of the command line."""
+    os.environ.setdefault("REHAB_OPT_COMPILE", "wait")  # a short run would end before code compiled meanwhile is ready
     with ending_in_a_line():
         app(args=arguments)
 
@@ -591,7 +591,7 @@ def export_controller(
 
 
 def _log_folder(log: Path | None) -> None:
-    """Make the folder of a log, if any; raises an error for an existing file, which may be another session's log."""
+    """Make the folder of a log, if any; raise an error if the log exists, since it may be another session's."""
     if log is not None:
         if log.exists():
             raise ConfigurationError("--log", str(log), "a new file; this one exists")

@@ -1,4 +1,4 @@
-"""Typed errors: each names the argument or file key, its value, and the expectation."""
+"""Exceptions: each message names the argument or file key, its value, and the expected values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONGEST = 250
 
 
 def printable(text: str) -> str:
-    """`text` with unprintable characters replaced by Python escapes, for safe printing on a terminal."""
+    """`text` with each unprintable character replaced by its Python escape, safe for a terminal."""
     if text.isprintable():
         return text
     return "".join(
@@ -28,7 +28,7 @@ def printable(text: str) -> str:
 
 
 class RehabOptError(Exception):
-    """Base of all errors that this library raises on purpose."""
+    """Base class of all exceptions that rehab_opt defines."""
 
 
 class ConfigurationError(RehabOptError, ValueError):
@@ -37,8 +37,8 @@ class ConfigurationError(RehabOptError, ValueError):
     Parameters
     ----------
     argument : name of the argument, as the caller wrote it.
-    value : its value.
-    expected : accepted values, as the end of the sentence "expected ...".
+    value : the argument's value.
+    expected : description of the accepted values; completes the sentence "expected ...".
     """
 
     def __init__(self, argument: str, value: object, expected: str) -> None:
@@ -49,27 +49,27 @@ class ConfigurationError(RehabOptError, ValueError):
         super().__init__(f"{argument} = {said[:LONGEST]}{'...' * (len(said) > LONGEST)}: expected {expected}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by parts, because errors must come back from process pools."""
+        """Pickle the three arguments, so that a process pool can return the error."""
         return type(self), (self.argument, self.value, self.expected), self.__dict__
 
 
 class DeviceLostError(RehabOptError):
-    """A device no longer answers (cable, program, power); the message says which one, since when and why."""
+    """A device no longer answers; the message names the device, the time without an answer and the reason."""
 
 
 class SharingError(RehabOptError, TypeError):
-    """An object that belongs to one thread was used by another, copied or pickled; the message says what to do."""
+    """An object of one thread was used in another thread, copied or pickled; the message says what to do instead."""
 
 
 class ProblemFileError(RehabOptError, ValueError):
-    """A problem file or recording is invalid; the message is one line of printable characters.
+    """A problem file or a recording is invalid; the message is one line of printable characters.
 
     Parameters
     ----------
     file : path of the file as the user gave it.
     key : dotted key, column or line in the file.
-    value : its value.
-    expected : accepted values.
+    value : value of the key.
+    expected : description of the accepted values.
     """
 
     def __init__(self, file: object, key: str, value: object, expected: str) -> None:
@@ -80,15 +80,15 @@ class ProblemFileError(RehabOptError, ValueError):
         super().__init__(printable(f"{file}: {key} = {value!r}: expected {expected}"))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by parts, as `ConfigurationError`."""
+        """Pickle the four arguments, as `ConfigurationError` does."""
         return type(self), (self.file, self.key, self.value, self.expected), self.__dict__
 
 
 class RobotFileError(ProblemFileError):
-    """The description of a robot is invalid: its URDF, MJCF or robot file.
+    """A robot's URDF, MJCF or robot file is invalid.
 
     Parameters
     ----------
     file, value, expected : as in `ProblemFileError`.
-    key : the joint, link or line, and its attribute.
+    key : joint, link or line in the file, and the attribute.
     """

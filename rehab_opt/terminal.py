@@ -1,4 +1,4 @@
-"""Terminal functions of the command line: progress bars, one-line errors, Ctrl-C, output folders."""
+"""Terminal output of the command line: progress bars, one-line errors, Ctrl-C, output folders."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ __all__ = [
     "writable",
 ]
 
-MAX_OF_A_VALUE = 120  # characters of a message
+MAX_OF_A_VALUE = 120  # characters of a value in an error message
 COMPILING = "compiling, once on this machine, 5 to 60 s a function (REHAB_OPT_COMPILE=0 starts without)"
 BETWEEN_LINES = 60.0
-"""[s] between two progress lines if the output is no terminal."""
+"""Time [s] between two progress lines if the error stream is not a terminal."""
 
 
 def say(text: str) -> None:
-    """Print one line; control characters are written as escapes."""
+    """Print one line with control characters escaped."""
     print(printable(text))
 
 
 def printer() -> Console:
-    """Console for tables and lines: markup in texts is ignored, and control characters are escaped."""
+    """Console for tables and lines; it ignores rich's markup in texts and escapes control characters."""
     from rich.console import Console  # noqa: PLC0415
     from rich.console import RenderHook as Hook  # noqa: PLC0415
 
@@ -68,11 +68,11 @@ def printer() -> Console:
 
 
 OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
-"""Objects named in notes on a robot file; largest number of similar notes that are printed one by one."""
+"""Pattern of the objects that a note on a robot file names; largest number of similar notes printed one by one."""
 
 
 def brief(notes: Iterable[str]) -> list[str]:
-    """Merge notes on joints, links and bodies that differ only in names and numbers: the first, and a count."""
+    """Merge notes that differ only in numbers and names of joints or links: the first note and a count stay."""
     alike: dict[str, list[str]] = {}
     for note in notes:
         kind, count = OF_ROBOT.subn("", note)
@@ -85,7 +85,7 @@ def brief(notes: Iterable[str]) -> list[str]:
 
 
 def grouped(notes: Iterable[str]) -> Iterator[str]:
-    """Notes as lines of a list; those with the same prefix (`assisted: ...`) are grouped below it."""
+    """Notes as lines of a list; notes with the same prefix, such as `assisted: `, are grouped below the prefix."""
     of: dict[str, list[str]] = {}
     for note in notes:
         name, colon, rest = note.partition(": ")
@@ -98,7 +98,7 @@ def grouped(notes: Iterable[str]) -> Iterator[str]:
 
 
 class _Escaped:
-    """A printed object with all control characters escaped, except line ends and rich's own styles."""
+    """A printed object with control characters escaped, except line ends and rich's own styles."""
 
     def __init__(self, content: ConsoleRenderable) -> None:
         self.content = content
@@ -113,7 +113,7 @@ class _Escaped:
 
 @contextmanager
 def bars() -> Iterator[Progress]:
-    """Progress on the error stream: bars on a terminal, else a line per minute; with a note on compilation."""
+    """Progress on the error stream: bars on a terminal, otherwise one line a minute; compilation is reported, too."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress as Bars  # noqa: PLC0415
     from rich.progress import TaskID  # noqa: PLC0415
@@ -138,7 +138,7 @@ def bars() -> Iterator[Progress]:
                 print(line, file=sys.stderr, flush=True)
             if what not in tasks:
                 tasks[what] = shown.add_task(what, total=None)
-            whole_known = whole if whole > 1 or done else None  # a law answers in one piece: its bar only moves
+            whole_known = whole if whole > 1 or done else None  # a task of one step has no measurable progress
             shown.update(tasks[what], completed=done, total=whole_known)
 
         waits: list[float] = []
@@ -161,7 +161,7 @@ def bars() -> Iterator[Progress]:
 
 
 def writable(folder: Path, *, argument: str = "--out") -> Path:
-    """The folder of `argument`; raises an error before the run if it is not writable."""
+    """Return `folder`; raise an error before the run if the folder is not writable. `argument` names the option."""
     from rehab_opt.session.report import checked_folder  # noqa: PLC0415
 
     try:
@@ -171,13 +171,13 @@ def writable(folder: Path, *, argument: str = "--out") -> Path:
 
 
 def no_folder(file: Path, *, argument: str = "--out") -> None:
-    """Raise an error if a folder has the file's name."""
+    """Raise an error if `file` is an existing folder."""
     if file.is_dir():
         raise ConfigurationError(argument, str(file), "the name of a file: a folder stands there")
 
 
 def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argument: str = "--out") -> None:
-    """Raise an error if a file exists and not `force`, or if it is one of the inputs."""
+    """Raise an error if the file exists without `force`, or if the file is one of the inputs."""
     if file.exists() and not force:
         raise ConfigurationError(argument, str(file), "a new file, or --force to replace this one")
     if file.exists() and any(each.exists() and file.samefile(each) for each in inputs):
@@ -185,7 +185,7 @@ def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argum
 
 
 def output_file(out: Path | None, name: str, suffix: str) -> Path:
-    """`--out`, or a file of that name in ./out; raises an error before the run if it is not writable."""
+    """Path of `--out`, by default ./out/name.suffix; raise an error before the run if it is not writable."""
     place = out if out is not None else Path("out") / f"{name}{suffix}"
     if place.suffix != suffix:
         raise ConfigurationError("--out", str(place), f"a file that ends in {suffix}")
@@ -195,7 +195,7 @@ def output_file(out: Path | None, name: str, suffix: str) -> Path:
 
 
 def numbers_in(argument: str, text: str) -> list[float]:
-    """Comma-separated numbers of a command-line option."""
+    """Comma-separated numbers in a command-line option."""
     from rehab_opt.text_file import number_in  # noqa: PLC0415
 
     numbers = [number_in(part) for part in text.split(",")]
@@ -205,14 +205,14 @@ def numbers_in(argument: str, text: str) -> list[float]:
 
 
 def one_of(argument: str, value: str, known: Collection[str]) -> str:
-    """`value`; raises an error if it is unknown."""
+    """Return `value`; raise an error if `value` is not in `known`."""
     if value not in known:
         raise ConfigurationError(argument, value, f"one of {', '.join(known)}")
     return value
 
 
 def refuse(problem: RehabOptError) -> NoReturn:
-    """Print one line on the error stream, for any text, and exit with code 2."""
+    """Print the error as one line on the error stream and exit with code 2."""
     text, value = (" ".join(each.splitlines()) for each in (str(problem), repr(getattr(problem, "value", ""))))
     if len(value) > MAX_OF_A_VALUE:
         text = text.replace(value, value[:MAX_OF_A_VALUE] + "...")
@@ -221,7 +221,7 @@ def refuse(problem: RehabOptError) -> NoReturn:
 
 
 def interrupted(*_: Any) -> NoReturn:
-    """Exit at once, because CasADi would replace an exception by another one."""
+    """Exit at once; CasADi would replace a raised KeyboardInterrupt by another exception."""
     clear = b"\r\x1b[2K\x1b[?25h" if os.isatty(2) else b""  # a progress bar hides the cursor
     os.write(2, clear + b"rehab-opt: interrupted\n")
     os._exit(130)
@@ -229,7 +229,7 @@ def interrupted(*_: Any) -> NoReturn:
 
 @contextmanager
 def on_interrupt(handler: Any) -> Iterator[None]:
-    """Within this block Ctrl-C calls `handler`; it has no effect outside the main thread."""
+    """Within this block, Ctrl-C calls `handler`; outside the main thread the block changes nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -242,7 +242,7 @@ def on_interrupt(handler: Any) -> Iterator[None]:
 
 @contextmanager
 def ending_in_a_line() -> Iterator[None]:
-    """Turn invalid input, and failures to read or write a file, into one line on the error stream and exit code 2."""
+    """Report invalid input and file errors as one line on the error stream, with exit code 2."""
     with on_interrupt(interrupted):
         try:
             try:
@@ -252,7 +252,7 @@ def ending_in_a_line() -> Iterator[None]:
         except RehabOptError as problem:
             refuse(problem)
         except OSError as problem:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what could not be printed fails no second time at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Python's flush at exit would fail again
             place = str(problem.filename or "output")
             refuse(ConfigurationError(place, problem.strerror, "a place that can be read and written to"))
 

@@ -1,4 +1,4 @@
-"""Text of a regular file within size limits, and numbers in it, with errors that name the place."""
+"""Read text files within size limits, and numbers in them; each error names the file and the line."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ __all__ = [
 
 @contextmanager
 def regular_file(path: Path, name: str) -> Iterator[BinaryIO]:
-    """Open a regular file for reading; `name` is its name in errors.
+    """Open a regular file for reading; error messages call the file `name`.
 
     Raises
     ------
-    ProblemFileError : missing, unreadable, or a directory, pipe, socket or device, which may never end.
+    ProblemFileError : the file is missing or unreadable, or is a directory, pipe, socket or device.
     """
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
@@ -60,15 +60,15 @@ def regular_file(path: Path, name: str) -> Iterator[BinaryIO]:
 
 
 def file_content(path: Path, name: str, *, max_size: int) -> bytes:
-    """Content of a regular file of at most `max_size` bytes; `name` is its name in errors.
+    """Content of a regular file of at most `max_size` bytes; error messages call the file `name`.
 
     Raises
     ------
-    ProblemFileError : as `regular_file`; a file that is too large.
+    ProblemFileError : as `regular_file`, or the file is too large.
     """
     with regular_file(path, name) as file:
         size = os.fstat(file.fileno()).st_size
-        content = file.read(max_size + 1)  # more than was said where it grows meanwhile
+        content = file.read(max_size + 1)  # the file may have grown since its size was read
     size = max(size, len(content))
     if size > max_size:
         expected = f"at most {_megabytes(max_size)}: split the file, or leave out what is not needed"
@@ -77,9 +77,9 @@ def file_content(path: Path, name: str, *, max_size: int) -> bytes:
 
 
 def write_whole(file: Path, content: bytes, *, mode: int = 0o666) -> Path:
-    """Write a whole file to disk, or leave the old one; an OSError names the file, also for a full disk."""
+    """Replace a file by `content`; if writing fails, the old file stays and the OSError names the file."""
     to = file.resolve()
-    if to.exists() and not to.is_file():  # a pipe, or a device, is nothing to replace
+    if to.exists() and not to.is_file():  # a pipe or device cannot be replaced, only written to
         to.write_bytes(content)
         return file
     beside = to.with_name(f".{to.name}.partial")
@@ -98,7 +98,7 @@ def write_whole(file: Path, content: bytes, *, mode: int = 0o666) -> Path:
 
 
 def _open_without_waiting(path: str, flags: int) -> int:
-    """Open a file without waiting, even a pipe without a writer."""
+    """Open a file at once, even a pipe that has no writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # Windows has neither the flag nor such files
 
 
@@ -111,7 +111,7 @@ def whole_text(path: Path, name: str, *, max_size: int) -> str:
 
     Raises
     ------
-    ProblemFileError : as `file_content`; empty, or not text.
+    ProblemFileError : as `file_content`, or the file is empty or is not UTF-8 text.
     """
     content = file_content(path, name, max_size=max_size)
     try:
@@ -131,9 +131,9 @@ def whole_text(path: Path, name: str, *, max_size: int) -> str:
 
 
 def number_in(text: str) -> float:
-    """Decimal or scientific number in ASCII, with blanks around it; NaN for anything else.
+    """Number in decimal or scientific notation, in ASCII; NaN for any other text.
 
-    Python's own conversion also accepts 1_0 for 10, digits of other scripts, and infinity.
+    Python's `float` also accepts 1_0 for 10, digits of other scripts, and infinity.
     """
     if text.strip("0123456789+-.eE \t"):
         return math.nan
@@ -144,25 +144,25 @@ def number_in(text: str) -> float:
 
 
 def is_formula(text: str) -> bool:
-    """Whether a spreadsheet would evaluate this cell as a formula: =1+1, but not -1."""
+    """Whether a spreadsheet would evaluate this cell as a formula, such as =1+1; -1 is not a formula."""
     return text[:1] in ("=", "+", "-", "@") and text != "-" and math.isnan(number_in(text))
 
 
 def shown(text: str, most: int = 40) -> str:
-    """`text`, shortened for a one-line message."""
+    """`text`, shortened to at most `most` characters for a one-line message."""
     text = text.strip()
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
 MAX_PROBLEM_SIZE = 256_000
-"""[byte] Largest problem file; the shipped ones have at most 3000."""
+"""Largest size [byte] of a problem file; shipped problems have at most 3000."""
 MAX_TABLE_SIZE = 4_000_000
-"""[byte] Largest table of participants: 10 000 people with 40 cells each."""
+"""Largest size [byte] of a table of participants: 10 000 people with 40 cells each."""
 MAX_RECORDING_SIZE = 50_000_000
-"""[byte] Largest recording; an hour at 100 Hz with ten columns has 36 million."""
+"""Largest size [byte] of a recording; an hour at 100 Hz with ten columns has 36 million bytes."""
 MAX_COLUMNS = 5000
 DEEPEST_KEY = 32
-"""Largest number of parts of a dotted key; parsing time grows with their square."""
+"""Largest number of parts of a dotted key; the parsing time grows with the square of this number."""
 
 _TEXT_OR_COMMENT = re.compile(
     r'"""(?:[^\\]|\\.)*?(?:"""|\Z)|'
@@ -172,18 +172,18 @@ _TEXT_OR_COMMENT = re.compile(
     r"#[^\n]*",
     re.DOTALL,
 )
-"""Texts and comments of TOML; each alternative matches at its start, so that the scan is linear."""
+"""Strings and comments of TOML; unclosed strings match, too, so that the scan takes linear time."""
 _DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST_KEY},}}")
 
 
 def check_key_depth(text: str, *, name: str) -> None:
-    """Raise an error for TOML with a key of too many parts; `name` is the file's name in the error.
+    """Check the number of parts of all dotted keys in TOML; the error message calls the file `name`.
 
     Raises
     ------
     ProblemFileError : a dotted key has more than `DEEPEST_KEY` parts.
     """
-    # A text that is part of a key becomes a word; lines stay where they are.
+    # Each string, which may be a part of a key, becomes one word; line numbers stay.
     bare = _TEXT_OR_COMMENT.sub(lambda found: "_" + "\n" * found[0].count("\n"), text)
     deep = _DEEP_KEY.search(bare)
     if deep is not None:
@@ -193,11 +193,11 @@ def check_key_depth(text: str, *, name: str) -> None:
 
 
 def header_cells(cells: Sequence[str], *, name: str, line: int) -> list[str]:
-    """Cells of a header, stripped.
+    """Cells of a header without surrounding blanks.
 
     Raises
     ------
-    ProblemFileError : more than `MAX_COLUMNS`.
+    ProblemFileError : the header has more than `MAX_COLUMNS` cells.
     """
     if len(cells) > MAX_COLUMNS:
         expected = f"at most {MAX_COLUMNS} columns: leave out those that are not needed"
@@ -214,9 +214,9 @@ def text_lines(path: Path, name: str) -> list[str]:
 
 
 FARTHEST = 10.0
-"""[m] Largest coordinate; a larger one has a wrong unit."""
+"""Largest coordinate [m]; a larger one is probably in another unit."""
 LATEST = 1e10
-"""[s] Largest time of a recording, also for loggers that count from 1970."""
+"""Largest time [s] of a recording; some loggers count seconds since 1970."""
 
 
 def finite_number(
@@ -229,15 +229,19 @@ def finite_number(
     point: str = ".",
     beyond: str = "another unit?",
 ) -> float:
-    """The number in one cell; `line` counts from 1, `point` is the decimal sign.
+    """The number in one cell.
 
-    `beyond` is the hint in the message for a number above `most`.
+    Parameters
+    ----------
+    text : content of the cell. name : name of the file. line : line of the cell, from 1. column : name of its column.
+    most : largest accepted magnitude. point : decimal sign.
+    beyond : hint in the error message for a number above `most`.
 
     Raises
     ------
-    ProblemFileError : not a number, NaN, infinite, or above `most` in magnitude.
+    ProblemFileError : the text is not a finite number, or its magnitude is above `most`.
     """
-    # Where a comma stands before decimals, a point stands between thousands: 1.828 may be either, and is refused.
+    # With a decimal comma, a point may separate thousands: 1.828 is ambiguous, so points are rejected.
     number = number_in(text if point == "." else text.replace(".", "?").replace(point, "."))
     if not math.isfinite(number):
         expected = "a finite number"
@@ -257,12 +261,12 @@ def finite_number(
 
 
 def times(count: int) -> str:
-    """A count in words: once, 2 times."""
+    """A count in words: "once" or "2 times"."""
     return "once" if count == 1 else f"{count} times"
 
 
 def brief(value: object, most: int = 60) -> object:
-    """`value`, or a short text if its representation would be long or is refused by Python."""
+    """`value`, or a short text if the value as text has more than `most` characters or cannot be printed."""
     try:
         written = str(value)
     except (ValueError, RecursionError):

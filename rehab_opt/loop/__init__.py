@@ -1,1 +1,1 @@
-"""Real-time loop of a controller: absolute deadlines, records for other processes, logs, devices."""
+"""Real-time loop that runs a controller on a robot; records for other processes, logs, drivers of devices."""

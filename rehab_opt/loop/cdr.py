@@ -1,4 +1,4 @@
-"""Messages in the wire format of ROS 2: CDR (OMG, "DDS-XTypes" 1.3, section 7.4, plain CDR) in little-endian order."""
+"""Messages in ROS 2's wire format: little-endian plain CDR (OMG, "DDS-XTypes" 1.3, section 7.4)."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from rehab_opt.errors import ConfigurationError
 __all__ = ["Cdr", "record_cdr", "record_definition", "records_of"]
 
 HEADER = b"\0\1\0\0"
-"""Plain CDR, little-endian, no options."""
+"""First bytes of a message: little-endian plain CDR without options."""
 SIMPLE = {"<f8": "float64", "<u8": "uint64"}
 
 
 class Cdr:
-    """Bytes of a message, written field by field; numbers are aligned to multiples of their size."""
+    """A message that is written field by field; each number is aligned to a multiple of its size."""
 
     def __init__(self) -> None:
         self._bytes = bytearray(HEADER)
 
     def number(self, code: str, value: float) -> Self:
-        """Append one number with a format code of `struct`: i, I, d."""
+        """Append one number; `code` is a format code of `struct`: i, I or d."""
         size = struct.calcsize(code)
         return self._aligned(size, struct.pack("<" + code, value))
 
@@ -58,7 +58,7 @@ class Cdr:
 
 
 def record_definition(layout: np.dtype[Any]) -> str:
-    """Message definition (.msg of ROS 2) of a record with 8-byte numbers first, then texts.
+    """ROS 2 message definition (.msg) of a record that has 8-byte numbers first, then texts.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def record_definition(layout: np.dtype[Any]) -> str:
 
 
 def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
-    """Function that writes records of a layout as messages of `record_definition`; numbers are copied unchanged."""
+    """Function that converts a record to a message of `record_definition`; numbers are copied bit by bit."""
     record_definition(layout)
     fixed, texts = _split(layout)
 
@@ -91,7 +91,7 @@ def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
 
 
 def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.void]:
-    """(N,) records read back from messages of `record_cdr`."""
+    """Records (N,) read back from N messages of `record_cdr`."""
     fixed, texts = _split(layout)
     records = np.zeros(len(messages), dtype=layout)
     rows = records.view(np.uint8).reshape(len(messages), layout.itemsize)
@@ -107,7 +107,7 @@ def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.v
 
 
 def _split(layout: np.dtype[Any]) -> tuple[int, list[str]]:
-    """Number of bytes of all numbers; names of the texts."""
+    """Number of bytes of all numbers in a record, and names of the text fields."""
     fields = dict(layout.fields or {})
     texts = [name for name, (kind, *_) in fields.items() if kind.kind == "S"]
     return (fields[texts[0]][1] if texts else layout.itemsize), texts

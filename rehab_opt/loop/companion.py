@@ -1,4 +1,4 @@
-"""A process beside the loop's process; it reads orders from standard input and ends when that closes."""
+"""A helper process of the loop, which reads its settings from standard input and ends when the input closes."""
 
 from __future__ import annotations
 
@@ -13,36 +13,37 @@ __all__ = ["Companion"]
 
 
 class Companion:
-    """`python -m module`, which reads one line of JSON and ends when its input closes, also if this process is killed.
+    """A child process `python -m module` that gets its settings as one line of JSON on standard input.
 
-    A terminal's Ctrl-C does not reach it, because it must continue until this process is at rest.
+    The child ends when its input closes, also if the parent is killed. Ctrl-C does not reach the child, which must run
+    until the parent has stopped the robot.
 
     Parameters
     ----------
-    module : with a `main`. orders : content of the line.
+    module : name of a module with a function `main`. orders : settings of the child.
     """
 
     def __init__(self, module: str, orders: Mapping[str, Any]) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, process_group=0
         )
-        with contextlib.suppress(BrokenPipeError):  # it could not begin, which `ended` tells
+        with contextlib.suppress(BrokenPipeError):  # the child failed to start, which `ended` reports
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps(orders).encode() + b"\n")
             self._process.stdin.flush()
 
     @property
     def id(self) -> int:
-        """Process id."""
+        """Process id of the child."""
         return self._process.pid
 
     @property
     def ended(self) -> int | None:
-        """Its exit code; None while it runs."""
+        """Exit code of the child; None while the child runs."""
         return self._process.poll()
 
     def end(self, patience: float) -> None:
-        """Close its input and wait `patience` [s] for its end; then kill it."""
+        """Close the child's input, wait up to `patience` [s] for the child to end, then kill it."""
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()

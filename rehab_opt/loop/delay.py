@@ -16,38 +16,38 @@ __all__ = ["measured_delay"]
 Array = NDArray[np.float64]
 
 STEPS = (0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0)
-"""Sequence of speeds, as fractions of the largest."""
+"""Sequence of commanded speeds, as fractions of the largest speed."""
 HELD, RAMP = 0.45, 0.1
-"""[s] Duration of each speed, and of the ramp at its beginning."""
+"""Duration [s] of each speed of the sequence, and of the ramp at its beginning."""
 SETTLED = 0.2
-"""[s] Evaluated part at the end of each speed."""
+"""Duration [s] of the evaluated part at the end of each speed."""
 
 
 def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: int | None = None) -> float:
-    """[s] from a command until its motion is measured; controllers allow for 0.1 s (`FrontEnd`).
+    """Delay [s] from a velocity command until the motion is measured; controllers allow for 0.1 s (`FrontEnd`).
 
-    A joint moves out and back at a quarter of `speed` and at `speed`. At constant speed v it lags by v T, with the
-    delay T, plus a part due to dry friction, which is about equal at both speeds. So T is the difference of the lags
-    over that of the speeds. A velocity servo with two equal poles adds nothing.
+    A joint moves out and back at a quarter of `speed` and at `speed`. At constant speed v, the joint lags by v T plus
+    an offset due to dry friction, where T is the delay. The offset is about equal at both speeds. So T is the
+    difference of the two lags divided by the difference of the two speeds.
 
     Parameters
     ----------
-    plant : at rest, with joint velocities as commands. joint : number, from 0, of the joint that moves by 0.8 s times
-        `speed`.
-    speed : [rad/s, m/s] largest speed; below 0.05 noise matters. fifo : see `Loop`.
+    plant : robot at rest that takes joint velocities as commands.
+    joint : number, from 0, of the joint that moves, by 0.8 s times `speed`.
+    speed : largest speed [rad/s, m/s]; below 0.05, encoder noise disturbs the result. fifo : as for `Loop`.
 
     Raises
     ------
-    ConfigurationError : a number out of range. DeviceLostError : the robot is gone or did not move.
+    ConfigurationError : a number is out of range. DeviceLostError : the robot is lost or did not move.
     """
     n = plant.measured.position.size
     if not (isinstance(joint, int) and 0 <= joint < n):
         raise ConfigurationError("joint", joint, f"a whole number from 0 to {n - 1}")
     if not 0.0 < speed <= 1.0:
         raise ConfigurationError("speed", speed, "rad/s or m/s above 0, at most 1")
-    # Time on the plant's clock, which stands still while a simulation misses ticks; position; speed from then on.
+    # Per tick: time on the plant's clock (a simulation's clock stops in missed ticks), position, commanded speed.
     seen: list[tuple[float, float, float]] = []
-    begun: list[float] = []  # with the first tick, which a busy machine may keep waiting
+    begun: list[float] = []  # time of the first tick, which a busy machine may delay
 
     def since() -> float:
         return plant.truth.time - begun[0]
@@ -77,7 +77,7 @@ def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: in
 
 
 def _fraction(time: float) -> float:
-    """Fraction of the largest speed at a time [s] since the beginning."""
+    """Commanded fraction of the largest speed at a time [s] since the beginning."""
     i = int(time / HELD)
     if i >= len(STEPS):
         return 0.0

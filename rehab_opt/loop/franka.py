@@ -1,4 +1,4 @@
-"""Franka's arms, through franky."""
+"""Driver of Franka's arms, through franky."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ T = TypeVar("T")
 
 JOINTS = 7
 ACCELERATION, JERK = 9.99, 2400.0
-"""[rad/s^2, rad/s^3] A Research 3 stops above 10 and 5000. franky exceeds the jerk limit by a factor of 1.41 when it
-replans during a ramp, and twice that with a lost cycle."""
+"""Limits given to franky [rad/s^2, rad/s^3]. A Research 3 stops above 10 and 5000. The margin in jerk is needed: franky
+exceeds its jerk limit by a factor of 1.41 when it replans during a ramp, and by more if a cycle is lost."""
 UNFILTERED = 1000.0
-"""[Hz] Cut-off at which libfranka's filter is off; the filter would add 1.6 ms of lag."""
+"""Cut-off [Hz] that turns libfranka's filter off; the filter would add 1.6 ms of lag."""
 WATCHDOG = 0.1
-"""[s]"""
+"""Default time [s] without a state after which the robot counts as lost."""
 
 
 def connect_franka(
     host: str, *, rate_hz: float = 1000.0, watchdog: float = WATCHDOG, fifo: int | None = None
 ) -> RemoteDevice:
-    """Connect to a robot with active FCI, as a `Device` with joint velocity commands.
+    """Connect to a Franka arm with active FCI, as a `Device` with joint velocity commands.
 
-    franky runs in its own process. Its C++ loop at 1 kHz moves the joints to each velocity within the robot's
-    acceleration and jerk limits, so a step becomes a ramp with a few milliseconds of lag. Each velocity is valid for
-    half of `watchdog`; then the robot brakes. If that process is killed, the robot brakes within 20 ms. A reflex of the
-    robot ends the connection, with the robot's message as the reason.
+    franky runs in a process of its own. franky's C++ loop at 1 kHz tracks each commanded velocity within the robot's
+    acceleration and jerk limits, so a step becomes a ramp with a few milliseconds of lag. If no new command arrives
+    within half of `watchdog`, the robot brakes. If franky's process is killed, the robot brakes within 20 ms. If the
+    robot stops with a reflex, the connection ends with the robot's message as the reason.
 
     Parameters
     ----------
-    host : address of the robot's controller. rate_hz : of the loop.
-    watchdog : [s] without a state after which the robot counts as lost.
-    fifo : priority of that process, see `Loop`. The robot expects answers within 1 ms.
+    host : address of the robot's controller. rate_hz : rate of the loop [Hz].
+    watchdog : time [s] without a state after which the robot counts as lost.
+    fifo : SCHED_FIFO priority of franky's process, as for `Loop`. The robot expects answers within 1 ms.
 
     Raises
     ------
-    ConfigurationError : franky is not installed (extra `franka`). DeviceLostError : no connection, or the robot has
-        stopped before, which must be checked and cleared by hand.
+    ConfigurationError : franky is not installed (extra `franka`). DeviceLostError : there is no connection, or the
+        robot reports an earlier error, which a person must check and clear.
     """
     if find_spec("franky") is None:
         raise ConfigurationError("host", host, "franky, which is not installed: pip install 'rehab_opt[franka]'")
@@ -59,16 +59,16 @@ def connect_franka(
 
 
 class FrankaDriver:
-    """A `Driver` for Franka; raises `DeviceLostError` if the robot does not answer or has stopped.
+    """`Driver` of a Franka arm; raises `DeviceLostError` if the robot does not answer or has stopped.
 
     Parameters
     ----------
-    host : address. meant_for : [s] for which a velocity is valid without a new one.
+    host : address of the robot's controller. meant_for : time [s] for which a commanded velocity is valid.
     """
 
     def __init__(self, host: str, meant_for: float) -> None:
         franky = self._franky = import_module("franky")
-        # Without a kernel that keeps time libfranka would refuse; the robot counts what comes late, and stops at 20.
+        # `Ignore` also accepts kernels without PREEMPT_RT; the robot counts late answers and stops at 20.
         self._robot: Any = self._told(lambda: franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore))
         if self._robot.has_errors:
             raise DeviceLostError(f"it has stopped before: {self._robot.state.current_errors}")
@@ -82,7 +82,7 @@ class FrankaDriver:
         self._last = -1
 
     def read(self) -> Reading | None:
-        """The newest state, or None if there is no new one."""
+        """The newest state of the robot; None if there is no new one since the last call."""
         robot = self._robot
         self._told(robot.poll_motion)
         state = self._told(lambda: robot.state)
@@ -93,30 +93,30 @@ class FrankaDriver:
         return Reading(state.q, state.dq, state.O_F_ext_hat_K[:3])
 
     def send(self, velocity: list[float]) -> None:
-        """Command joint velocities (7,) [rad/s] for `meant_for`, then rest."""
+        """Command joint velocities (7,) [rad/s], valid for `meant_for`; then the robot brakes to rest."""
         first = self._franky.JointVelocityWaypoint(velocity, hold_target_duration=self._meant_for)
         self._move(self._franky.JointVelocityWaypointMotion([first, self._rest]))
 
     def brake(self) -> None:
-        """Brake all joints; franky's own stop would exceed the limits of a Research 3."""
+        """Brake all joints to rest; franky's own stop would exceed the limits of a Research 3."""
         self._move(self._franky.JointVelocityWaypointMotion([self._rest]))
 
     def keep_alive(self) -> None:
         """Do nothing: without a motion the robot holds its position."""
 
     def close(self) -> None:
-        """Brake."""
+        """Brake to rest."""
         robot = self._robot
         if robot.is_in_control:
             self.brake()
             self._told(lambda: robot.join_motion(1.0))
 
     def _move(self, motion: Any) -> None:
-        move = self._robot.move  # its rate is limited, too, for the cycles that this machine misses
+        move = self._robot.move  # `limit_rate` prevents jumps if this machine misses cycles
         self._told(lambda: move(motion, asynchronous=True, limit_rate=True, cutoff_frequency=UNFILTERED))
 
     def _told(self, ask: Callable[[], T]) -> T:
-        """The robot's answer; raises `DeviceLostError` with the reason if it refuses or is gone."""
+        """The robot's answer; raises `DeviceLostError` with the reason if the robot refuses or is lost."""
         try:
             return ask()
         except (self._franky.Exception, RuntimeError) as refused:
@@ -124,4 +124,4 @@ class FrankaDriver:
 
 
 driver = FrankaDriver
-"""Entry point of the driver's process."""
+"""Driver class that the driver's process loads."""

@@ -1,4 +1,4 @@
-"""Joysticks and gamepads on Linux (`/dev/input/js0`); the program is a process that reads one."""
+"""Joysticks and gamepads on Linux (`/dev/input/js0`); as a program, the module reads one into a ring."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["Gamepad", "PadState", "operate"]
 
 EVENT = struct.Struct("=IhBB")
-"""Event of the kernel's joystick interface (Documentation/input/joydev/joystick-api): time [ms], value, kind,
-number."""
+"""Event of Linux's joystick interface (Documentation/input/joydev/joystick-api): time [ms], value, kind, number."""
 BUTTON, AXIS, AT_OPENING = 0x01, 0x02, 0x80
 LARGEST = 32767
 POLL = 0.01
-"""[s] between two heartbeats."""
+"""Time [s] between two heartbeats."""
 MOST = 32
 """Largest number of axes and of buttons."""
 
@@ -33,33 +32,33 @@ class PadState(NamedTuple):
     """State of a gamepad."""
 
     axes: tuple[float, ...]
-    """Deflections, -1 to 1, in the kernel's order; for most sticks axis 0 is to the right, axis 1 backwards."""
+    """Deflections, -1 to 1, in Linux's order; for most sticks, axis 0 is to the right and axis 1 backwards."""
     buttons: int
     """One bit per button."""
     held: bool
-    """Dead man's switch: its button is pressed, and was released at least once since the gamepad was opened."""
+    """Whether the dead man's button is pressed and was released at least once since the gamepad was opened."""
 
     @property
     def forward_left(self) -> tuple[float, float]:
-        """Deflection of the first stick (forward, left) for `Joystick`."""
+        """Deflection (forward, left) of the first stick, as `Joystick` expects it."""
         x, y = (*self.axes, 0.0, 0.0)[:2]
         return (-y + 0.0, -x + 0.0)
 
 
 class Gamepad:
-    """Reads a gamepad without waiting.
+    """A gamepad, read without waiting.
 
-    An unplugged gamepad raises an error. A wireless one out of range may keep its last state in the kernel, with the
-    button pressed, so use a wired one for a dead man's switch.
+    Use a wired gamepad as a dead man's switch: if a wireless gamepad is out of range, Linux may keep its last state
+    with the button pressed. An unplugged gamepad raises an error.
 
     Parameters
     ----------
-    source : the device's path, or a file descriptor with the same bytes.
-    dead_man : number of the dead man's button.
+    source : path of the device, or a file descriptor that yields the same bytes.
+    dead_man : number of the dead man's button, from 0.
 
     Raises
     ------
-    ConfigurationError : the device cannot be opened; an invalid button.
+    ConfigurationError : the device cannot be opened, or the button's number is invalid.
     """
 
     def __init__(self, source: str | Path | int, *, dead_man: int = 4) -> None:
@@ -74,11 +73,11 @@ class Gamepad:
         self._axes, self._buttons, self._rest, self._free = dict[int, float](), 0, b"", False
 
     def read(self) -> PadState:
-        """Current state.
+        """Current state of the gamepad.
 
         Raises
         ------
-        DeviceLostError : the gamepad is gone.
+        DeviceLostError : the gamepad is unplugged.
         """
         while True:
             try:
@@ -118,16 +117,16 @@ class Gamepad:
 
 
 def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambda: False) -> None:
-    """Write a gamepad's state to a ring of `operator_layout`, for a loop, at 100 Hz.
+    """Write a gamepad's state at 100 Hz to a ring of `operator_layout` records, which a loop reads.
 
-    Run it in a process or thread of its own: if that ends or is killed, heartbeats stop and the robot brakes.
+    Run this function in a process or thread of its own: if the process is killed, heartbeats stop and the robot brakes.
 
     Raises
     ------
-    DeviceLostError : the gamepad is gone; the released switch is written first.
+    DeviceLostError : the gamepad is unplugged; the ring then has a released dead man's switch.
     """
     size = ring.layout["stick"].shape[0]
-    ring.record["target"][...] = math.nan  # a stick points nowhere
+    ring.record["target"][...] = math.nan  # a stick has no target position
     try:
         while not until():
             state = pad.read()
@@ -139,7 +138,7 @@ def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambd
 
 
 def main() -> None:
-    """Follow the orders on standard input until it closes or the gamepad is gone."""
+    """Read the gamepad that standard input names until the input closes or the gamepad is unplugged."""
     orders = json.loads(sys.stdin.buffer.readline())
     ring = SharedRing.attach(orders["ring"])
     with Gamepad(orders["source"]) as pad:

@@ -1,4 +1,4 @@
-"""A log that a separate process writes, so that the loop never waits; this end monitors that process."""
+"""A log of a loop, written by a separate process so that the loop never waits for the disk."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from rehab_opt.version import __version__
 __all__ = ["DEPTH", "Log"]
 
 DEPTH = 8192
-"""Depth of a logged loop's ring, in records: at 1 kHz the log may lag by 8 s."""
+"""Number of records in the ring of a logged loop; at 1 kHz the log may lag by 8 s."""
 SILENT = 2.0
-"""[s] without a report after which the writing process counts as failed."""
+"""Time [s] without a report after which the writing process counts as failed."""
 PATIENCE = 30.0
-"""[s] for the process to start and to end."""
+"""Longest time [s] for the writing process to start, and to end."""
 PROGRESS = np.dtype([("alive", "<f8"), ("written", "<u8"), ("lost", "<u8"), ("failure", "S240")])
 
 
 class Log:
     """Writes all records of a loop's ring to an MCAP file, in a separate process.
 
-    With `watch` among the loop's `watches` the robot brakes if logging fails (full disk, killed process). The log up to
-    then stays readable. `lost` counts records that the writer missed.
+    Pass `watch` to the loop's `watches`: then the robot brakes if logging fails, for example on a full disk. The
+    records written before the failure stay readable. `lost` counts records that the writer missed.
 
     Parameters
     ----------
-    ring : of `state_layout`, with depth `DEPTH`.
-    path : of the file, which is overwritten. names : of the joints.
-    problem : name of the problem. files : its files for `rehab-opt replay`, the problem's text first.
+    ring : ring of `state_layout` records, with depth `DEPTH`.
+    path : path of the file, which is overwritten. names : names of the joints.
+    problem : name of the problem. files : contents of the problem's files by name, for `rehab-opt replay`.
     about : further metadata for the file.
 
     Raises
@@ -76,12 +76,12 @@ class Log:
 
     @property
     def process_id(self) -> int:
-        """Process id of the writer."""
+        """Process id of the writing process."""
         return self._writer.id
 
     @property
     def failure(self) -> str:
-        """Reason why logging failed; empty while it works."""
+        """Reason why logging failed; empty while logging works."""
         return bytes(self._said("failure")).decode(errors="replace")
 
     @property
@@ -95,7 +95,7 @@ class Log:
         return int(self._said("lost"))
 
     def watch(self) -> str:
-        """Reason to stop the loop because logging failed; empty while it works."""
+        """Reason to stop the loop because logging failed; empty while logging works."""
         newest = self._progress.latest()
         if newest is None or newest.record["failure"]:
             return f"the log has ended: {self.failure}"
@@ -105,7 +105,7 @@ class Log:
         return f"the log has been silent for {silent:.1f} s" if silent > SILENT else ""
 
     def close(self) -> None:
-        """Write the rest and end the process, within half a minute."""
+        """Write the remaining records and end the writing process, within half a minute."""
         self._writer.end(PATIENCE)
         newest = self._progress.latest()
         self._last = np.zeros(1, PROGRESS)[0] if newest is None else newest.record

@@ -1,4 +1,4 @@
-"""Log file of a loop in MCAP, which Foxglove shows and ROS 2 plays."""
+"""Log file of a loop in MCAP format, which Foxglove displays and ROS 2 plays back."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ TICK = "rehab_opt/msg/Tick"
 ABOUT = "rehab_opt"
 """Name of the log's metadata record."""
 SHOWN_HZ = 100.0
-"""Rate of additional messages of joints and forces for 3-D views; all ticks are written."""
+"""Rate [Hz] of the messages of joints and forces for 3-D views; ticks are written at the loop's rate."""
 FRAME = "base"
 
 
 def mcap_module(name: str) -> ModuleType:
-    """Import a module of the package `mcap`.
+    """Import the module `mcap.name`.
 
     Raises
     ------
@@ -44,16 +44,17 @@ def mcap_module(name: str) -> ModuleType:
 
 
 class LogFile:
-    """Ticks as `rehab_opt/msg/Tick`, joints as `sensor_msgs/JointState`, the force on the hand as `WrenchStamped`.
+    """MCAP file of ROS 2 messages (CDR): ticks, joints and the force on the hand.
 
-    Messages are ROS 2 messages (CDR, definitions in the file), so numbers are exact and 3-D views can show joints.
-    After each `flush` the file has whole chunks and is readable. A failed write, as on a full disk, is undone.
+    Ticks are `rehab_opt/msg/Tick` messages with exact numbers. Joints are `sensor_msgs/JointState` and forces
+    `geometry_msgs/WrenchStamped` messages, for 3-D views. After each `flush` the file is readable. If a write fails, as
+    on a full disk, the file keeps its earlier chunks.
 
     Parameters
     ----------
-    path : of the file, which is overwritten. layout : of the records. names : of the joints.
-    epoch : [ns] since 1970 at which `time.monotonic` was zero.
-    about : metadata. files : texts of the problem, by name.
+    path : path of the file, which is overwritten. layout : dtype of the records. names : names of the joints.
+    epoch : time [ns] since 1970 at which `time.monotonic` was zero.
+    about : metadata. files : contents of the problem's files by name.
 
     Raises
     ------
@@ -108,23 +109,23 @@ class LogFile:
 
         Raises
         ------
-        OSError : writing failed; earlier chunks stay.
+        OSError : writing failed; earlier chunks stay in the file.
         """
         self._writer.flush()
 
     def finish(self) -> None:
-        """Write the buffered records and the index. Raises as `flush`."""
+        """Write the buffered records and the index, and close the file. Raises as `flush`."""
         self._writer.finish()
         self._file.flush()
         self._file.close()
 
     def close(self) -> None:
-        """Close the file as it is."""
+        """Close the file without writing the buffered records."""
         self._file.close()
 
 
 class _WholeWrites(io.BytesIO):
-    """A file that writes everything between two flushes, or nothing."""
+    """A file in which `flush` writes either all bytes since the last flush or none."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
-"""The process that writes a log: `python -m rehab_opt.loop.log_process`, its orders on standard input.
+"""The process that writes a log: `python -m rehab_opt.loop.log_process`.
 
-The first line has the orders. The input closes when logging ends, and also when the loop's process ends.
+The first line of standard input has the settings. The input closes when logging or the loop's process ends.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["EVERY", "log_records", "main"]
 
 EVERY = 0.1
-"""[s] between two chunks; at most this is lost if the process is killed."""
+"""Time [s] between two chunks of the file; if the process is killed, at most this time is lost."""
 LOOKS = 0.02
-"""[s] between two reads of the ring."""
+"""Time [s] between two reads of the ring."""
 
 
 def main() -> None:
-    """Write until standard input closes."""
+    """Write the log until standard input closes."""
     orders = json.loads(sys.stdin.buffer.readline())
     progress = SharedRing.attach(orders["progress"])
     try:
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def log_records(orders: dict[str, Any], progress: SharedRing) -> None:
-    """Write the ring's records to the file. Raises OSError if that fails."""
+    """Write the ring's records to the file until standard input closes. Raises OSError if writing fails."""
     ring = SharedRing.attach(orders["ring"], from_start=True)
     files = {name: base64.b64decode(data) for name, data in orders["files"].items()}
     epoch = time.time_ns() - round(1e9 * time.monotonic())

@@ -1,4 +1,4 @@
-"""Read a log, complete or truncated by a full disk or a killed process."""
+"""Read a log of a loop, also a log that a full disk or a killed process truncated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rehab_opt.text_file import regular_file
 __all__ = ["Logged", "operator_of", "read_log"]
 
 KIND, MOST = re.compile(r"<f8|<u8|\|?S\d{1,4}"), 1000
-"""Allowed types of a record's field; largest number of elements."""
+"""Allowed types of a record's field; largest size of each of its dimensions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +32,9 @@ class Logged:
 
     Parameters
     ----------
-    records : (N,) ticks in order, with the fields of `state_layout`.
-    names : of the joints. about : metadata and versions. files : of the problem, by name.
-    whole : whether the log was closed properly; otherwise at most the last 0.1 s is lost.
+    records : records (N,) of the ticks in order, with the fields of `state_layout`.
+    names : names of the joints. about : metadata and versions. files : contents of the problem's files by name.
+    whole : whether the log was closed properly; otherwise at most the last 0.1 s are lost.
     """
 
     records: NDArray[np.void]
@@ -53,7 +53,7 @@ def read_log(path: Path | str) -> Logged:
 
     Raises
     ------
-    ProblemFileError : the file is unreadable, no log of a loop, or altered.
+    ProblemFileError : the file is unreadable, is not the log of a loop, or was altered.
     ConfigurationError : mcap is not installed.
     """
     stream, records, errors = (mcap_module(name) for name in ("stream_reader", "records", "exceptions"))
@@ -97,7 +97,7 @@ def read_log(path: Path | str) -> Logged:
 
 
 def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
-    """The records' dtype; raises ValueError or TypeError if it is invalid."""
+    """Layout of the records; raises ValueError or TypeError if the description `told` is invalid."""
     for _, kind, *shape in told:
         if not (KIND.fullmatch(kind) and all(0 < size <= MOST for sizes in shape for size in sizes)):
             raise ValueError(f"{kind} {shape}")
@@ -108,7 +108,7 @@ def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
 
 
 def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """The operator's part of a layout, as from `operator_layout`; no fields without an operator."""
+    """Layout of the operator's fields in a record's layout, as of `operator_layout`; it may have no fields."""
     prefix = "operator_"
     fields = dict(layout.fields or {})
     return np.dtype([(name.removeprefix(prefix), kind[0]) for name, kind in fields.items() if name.startswith(prefix)])

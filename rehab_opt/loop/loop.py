@@ -1,4 +1,4 @@
-"""Real-time loop of a controller and a plant or device."""
+"""Real-time loop of a controller on a simulated robot (plant) or a device."""
 
 from __future__ import annotations
 
@@ -33,50 +33,49 @@ __all__ = ["DEAD_MAN", "Loop"]
 Array = NDArray[np.float64]
 
 DEAD_MAN = 0.15
-"""[s] until the robot brakes after the dead man's switch is released or its state is unknown."""
+"""Default time [s] after the last report of a held dead man's switch at which the robot brakes."""
 STOPPING = 3.0
-"""[s] Largest duration of braking at the end; then the robot is stopped in any state."""
+"""Longest duration [s] of braking when the loop ends; then the loop stops the robot in any state."""
 AT_REST = (Status.HOLDING, Status.RELEASED)
 ASKED = {False: 1, True: 2}
-"""Value of `asked_before` by the enable input of the tick's first call."""
+"""Value of the field `asked_before`, by the `enable` input of the first of two calls in a tick."""
 COLLECTED = 64
-"""Ticks between two garbage collections of young objects, which take about 20 us."""
+"""Number of ticks between two garbage collections of young objects, which take about 20 us."""
 
 
 class Loop:
     """Runs a controller on a plant or device, one tick every `plant.dt`, with deadlines that do not drift.
 
-    A tick reads the sensors, calls the controller and sends the command. The thread wakes slightly early and then
-    busy-waits. If a tick starts more than one tick late, the missed ticks are skipped and counted. Times are from
-    `time.monotonic`, so changes of the wall clock have no effect.
+    A tick reads the sensors, calls the controller and sends the command. The thread wakes slightly before the deadline
+    and then busy-waits. If a tick starts more than one tick late, the loop skips and counts the missed ticks. All times
+    are from `time.monotonic`, so changes of the wall clock have no effect.
 
-    The controller gets `enabled=False`, and so returns its fallback command, if
+    The controller gets `enabled=False`, and returns its fallback command, in three cases:
 
-    - the dead man's switch was last reported as held more than `dead_man` ago, or `operator` has no record;
-    - the measurement is older than `max_age`. This is checked again before sending: if the command took too long, the
-    controller's fallback command is sent instead;
-    - one of `watches` returns a reason.
+    - The dead man's switch was last reported as held more than `dead_man` ago, or `operator` has no record.
+    - The measurement is older than `max_age`. If it becomes too old while the controller computes, the controller is
+    called again with `enabled=False`.
+    - One of `watches` returns a reason.
 
-    The command's reason states this in words. When the loop ends for any reason, the controller brakes the robot to
-    rest, then a device gets `stop`. A device that is gone must brake by its own watchdog; the report marks it as
-    `lost`.
+    The command's `reason` names the case. When the loop ends, the controller brakes the robot to rest; then the loop
+    calls the device's `stop`. A lost device must brake by its own watchdog; the report marks the device as `lost`.
 
     Parameters
     ----------
-    plant : already reset, or the device.
-    decide : the controller, see `Tick`.
-    state : a ring of `state_layout` records, for viewers and loggers, or None.
-    operator : a ring of `operator_layout` records; None without an operator: the robot moves while the loop runs.
-    max_age : [s], by default that of controllers: 50 ms or three ticks.
-    dead_man : [s]
+    plant : simulated robot, already reset, or a device.
+    decide : the controller as a function of a `Tick`.
+    state : ring of `state_layout` records that the loop writes for viewers and loggers, or None.
+    operator : ring of `operator_layout` records; None without an operator: then the controller is always enabled.
+    max_age : largest age [s] of a measurement; by default 50 ms or three ticks, as for controllers.
+    dead_man : longest time [s] since the last report of a held dead man's switch.
     watches : functions that return a reason to brake, such as a failed log, or an empty text.
-    plant_command : function from a command to the plant's input; `value` by default.
-    fifo : priority 1 to 99 of SCHED_FIFO; None for a normal thread. A FIFO thread blocks others on its core: a
+    plant_command : function from a command to the plant's input; the command's `value` by default.
+    fifo : SCHED_FIFO priority, 1 to 99; None for a normal thread. A FIFO thread blocks other threads on its core: a
         controller that takes longer than a tick occupies the core completely.
 
     Raises
     ------
-    ConfigurationError : an invalid time, or rings with other records.
+    ConfigurationError : a time is out of range, or a ring has records of another layout.
     """
 
     def __init__(
@@ -106,12 +105,14 @@ class Loop:
         self._state = None if state is None else StateRecord(state, layout)
 
     def run(self, *, seconds: float = math.inf, until: Callable[[], bool | str] = lambda: False) -> LoopReport:
-        """Run until `seconds` have passed, `until()` is true or a text, Ctrl-C, SIGTERM, or a lost device; then brake.
+        """Run until `seconds` have passed, `until()` is true or a text, or Ctrl-C or SIGTERM; then brake to rest.
+
+        A lost device also ends the loop. If `until` returns a text, the report has it as the reason.
 
         Raises
         ------
-        ConfigurationError : from the controller or the plant, or for a command without numbers, which is not sent; a
-            device is stopped first.
+        ConfigurationError : from the controller or the plant, or the command has numbers that are not finite. Such a
+            command is not sent, and a device is stopped before the error is raised.
         """
         run = _Run()
         with in_time(self._fifo) as scheduling, _between_ticks(run):
@@ -129,7 +130,7 @@ class Loop:
         return LoopReport(*counts, run.lateness, run.tick_time, scheduling, reason, run.lost, run.scaling)
 
     def _ticks(self, run: _Run, seconds: float, until: Callable[[], bool | str]) -> str:
-        """Run the ticks; returns the reason for their end."""
+        """Run the ticks; return the reason why the loop ended."""
         reason = ""
         try:
             while not reason:
@@ -149,7 +150,7 @@ class Loop:
         plant, operator = self._plant, None if self._operator is None else self._operator.latest()
         seen, truth = plant.measured, plant.truth
         taken = monotonic()
-        old = truth.time - seen.stamp  # when it was taken, whatever the plant's clock
+        old = truth.time - seen.stamp  # age when it was read; both times are on the plant's clock
         held, unheld = self._held(None if operator is None else operator.record, taken)
         fault = fault or unheld or next(filter(None, (watch() for watch in self._watches)), "")
         if not -self.dt <= old <= self.max_age:
@@ -182,7 +183,7 @@ class Loop:
         return command
 
     def _wait(self, run: _Run) -> float:
-        """Wait until the next deadline; returns the time of waking."""
+        """Wait until the next deadline; return the time after waiting."""
         deadline = run.start + (run.index + 1) * self.dt
         left = deadline - monotonic()
         if left > run.early:
@@ -205,7 +206,7 @@ class Loop:
         if operator is None:
             return False, "nobody operates the robot yet"
         ago = now - float(operator["heartbeat"])
-        if -self.dt <= ago <= self._dead_man - self.dt:  # the tick after this one would be too late
+        if -self.dt <= ago <= self._dead_man - self.dt:  # braking in the next tick would be too late
             return True, ""
         if not math.isfinite(ago) or ago < 0.0:
             return False, "the dead man's switch is not held"
@@ -236,7 +237,7 @@ class _Told(NamedTuple):
 
 
 class _Run:
-    """Counters of one run."""
+    """Counters and state of one run of a loop."""
 
     def __init__(self) -> None:
         self.index, self.ticks, self.missed, self.late, self.stale = -1, 0, 0, 0, 0
@@ -248,13 +249,13 @@ class _Run:
 
 @contextmanager
 def _between_ticks(run: _Run) -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM to the end of a tick, so that the controller can still brake and be replayed."""
+    """Delay Ctrl-C and SIGTERM to the end of a tick, so that the controller can brake and the log can be replayed."""
     asked = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) is not signal.SIG_IGN]
     if threading.current_thread() is not threading.main_thread():
-        asked = []  # only there signals can be asked for
+        asked = []  # Python allows signal handlers in the main thread only
 
     def ask(number: int, frame: FrameType | None) -> None:
-        if run.interrupted:  # for the second time: of a controller that hangs
+        if run.interrupted:  # a second signal: the controller may hang, so interrupt at once
             signal.default_int_handler(number, frame)
         run.interrupted = "interrupted" if number == signal.SIGINT else "ended by SIGTERM"
 
@@ -267,7 +268,7 @@ def _between_ticks(run: _Run) -> Iterator[None]:
 
 
 def _push(operator: np.void | None) -> Any:
-    """(k,) [N] force on a simulated robot's hand, or None."""
+    """Force (k,) [N] on the hand of a simulated robot, or None."""
     if operator is None:
         return None
     push = operator["push"]

@@ -1,4 +1,4 @@
-"""ROS 2 messages of joints, velocities and forces: their definitions and their bytes."""
+"""ROS 2 messages of joints, velocities and forces: definitions and encoding."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["JOINT_STATE", "WRENCH", "MessageType", "floats", "joint_state", "wre
 
 
 class MessageType(NamedTuple):
-    """A message's name and definition, including nested messages."""
+    """Name and definition of a message type, including nested messages."""
 
     name: str
     definition: str
@@ -45,13 +45,16 @@ WRENCH = _with(
 def joint_state(
     nanoseconds: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike = (), effort: ArrayLike = ()
 ) -> bytes:
-    """Joint state [rad, m], [rad/s, m/s], [N m, N] at a time since 1970; empty sequences for unknown values."""
+    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N] at a time since 1970.
+
+    Unknown values are empty sequences.
+    """
     message = _header(nanoseconds, "").texts(names)
     return message.numbers(position).numbers(velocity).numbers(effort).done()
 
 
 def wrench(nanoseconds: int, frame: str, force: Sequence[float]) -> bytes:
-    """A force (2,) or (3,) [N] in a frame, and no torque."""
+    """Message of a force (2,) or (3,) [N] in a frame, at a time since 1970, with zero torque."""
     message = _header(nanoseconds, frame)
     for each in (*force, 0.0, 0.0, 0.0, 0.0)[:6]:
         message.number("d", each)
@@ -59,7 +62,7 @@ def wrench(nanoseconds: int, frame: str, force: Sequence[float]) -> bytes:
 
 
 def floats(values: ArrayLike) -> bytes:
-    """Numbers without a layout, for velocity controllers of ros2_control."""
+    """`std_msgs/Float64MultiArray` message of these numbers, as ros2_control's velocity controllers expect it."""
     return Cdr().number("I", 0).number("I", 0).numbers(values).done()
 
 

@@ -1,4 +1,4 @@
-"""Run a problem file in real time, and replay its log."""
+"""Run the problem of a problem file in real time, and replay the log of such a run."""
 
 from __future__ import annotations
 
@@ -51,16 +51,17 @@ __all__ = [
 ]
 
 TEXT = "problem.toml"
-"""Name of a problem's text in a log."""
+"""Name of the problem file in a log."""
 HOME = "folder"
-"""Metadata key of a log: folder of the problem's text among its files."""
+"""Metadata key of a log; its value is the problem file's folder, relative to the folder of all files in the log."""
 BUTTONS = {"switch": 1, "gripper": 2}
+"""Bit of each button in the field `buttons` of an operator's record."""
 PATIENCE = 2.0
-"""[s] for a gamepad's process to end."""
+"""Longest time [s] for a gamepad's process to end."""
 
 
 def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None) -> Decide:
-    """A problem's controller for a loop; it follows the problem's own reference without an operator.
+    """Controller of a problem, for a loop; without an operator it follows the problem's own reference.
 
     `then` is called with each tick and its command.
     """
@@ -81,7 +82,7 @@ def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = l
 
 
 def _inputs_of(record: np.void, *, enable: bool) -> LiveInputs:
-    """The operator's inputs; the loop decides about the dead man's switch."""
+    """Inputs in an operator's record; `enable` comes from the loop, which checks the dead man's switch."""
     frozen, buttons = np.flatnonzero(record["frozen"]), int(record["buttons"])
     target, helper = (*(_place(each) for each in record["target"]), NOWHERE)[:2]
     return LiveInputs(
@@ -116,8 +117,9 @@ def run_in_time(
 
     Parameters
     ----------
-    seconds : duration. log : log file, or None. fifo : see `Loop`. options : see `live_problem`.
-    gamepad : the robot moves while button 4 is held; stick and first two buttons act as on the page.
+    seconds : duration [s]. log : path of the log, or None. fifo : as for `Loop`. options : as for `live_problem`.
+    gamepad : path of a gamepad, or None. The robot moves while button 4 is held; the stick and the first two buttons
+        act as on the page of `rehab-opt live`.
 
     Returns
     -------
@@ -125,8 +127,8 @@ def run_in_time(
 
     Raises
     ------
-    ConfigurationError, ProblemFileError : as `live_problem`; a device is not at the problem's start.
-    DeviceLostError : it cannot be connected.
+    ConfigurationError, ProblemFileError : as `live_problem`, or the device is not at the problem's start position.
+    DeviceLostError : the device cannot be connected.
     """
     problem = live_problem(config, **options)
     with ExitStack() as stack:
@@ -148,7 +150,7 @@ def run_in_time(
 
 @contextmanager
 def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
-    """Ring of a gamepad's inputs, read by a separate process; raises as `Gamepad`."""
+    """Ring of a gamepad's inputs, which a separate process reads from the gamepad; raises as `Gamepad`."""
     Gamepad(gamepad).close()
     with SharedRing.create(operator_layout(problem.encoders, axes=2, force=problem.force)) as ring:
         reader = Companion("rehab_opt.loop.gamepad", {"source": str(gamepad), "ring": ring.name})
@@ -159,12 +161,12 @@ def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
 
 
 def delay_of(config: ProblemFile[Any], *, joint: int, fifo: int | None = None, **options: str | None) -> float:
-    """[s] delay of a problem's robot, see `measured_delay`.
+    """Delay [s] of a problem's robot, as of `measured_delay`.
 
     Raises
     ------
-    ConfigurationError, ProblemFileError, DeviceLostError : as `run_in_time` and `measured_delay`; a robot without joint
-        velocity commands.
+    ConfigurationError, ProblemFileError, DeviceLostError : as `run_in_time` and `measured_delay`, or the robot does
+        not take joint velocities.
     """
     problem = live_problem(config, **options)
     if problem.force != 3 or "stick" in problem.controls:
@@ -179,19 +181,19 @@ def delay_of(config: ProblemFile[Any], *, joint: int, fifo: int | None = None, *
 def log_of(
     config: ProblemFile[Any], problem: LiveProblem, ring: SharedRing, path: Path, options: Mapping[str, str | None]
 ) -> Log:
-    """A log of a problem's loop that can be replayed; raises as `Log`."""
+    """Log of a problem's loop, with the files that a replay needs; raises as `Log`."""
     about = {name: value for name, value in options.items() if value is not None} | {HOME: str(_home(config))}
     return Log(ring, path, names=problem.names, problem=config.name, files=files_of(config), about=about)
 
 
 @contextmanager
 def control_of(problem: LiveProblem, *, fifo: int | None = None) -> Iterator[LiveControl]:
-    """A problem's control at its start, on a simulated robot or on its device, which is disconnected afterwards.
+    """Context with a problem's control on its simulated robot or device; the device is disconnected at the end.
 
     Raises
     ------
-    ConfigurationError : the device is not at the problem's start, or does not fit the problem.
-    DeviceLostError : no connection to the device.
+    ConfigurationError : the device is not at the problem's start position, or does not fit the problem.
+    DeviceLostError : the device cannot be connected.
     """
     with nullcontext() if problem.device is None else connected(problem, fifo=fifo) as plant:
         control = problem.control(plant)
@@ -200,7 +202,7 @@ def control_of(problem: LiveProblem, *, fifo: int | None = None) -> Iterator[Liv
 
 
 def connected(problem: LiveProblem, *, fifo: int | None = None) -> RemoteDevice:
-    """The device of a problem; raises as `control_of`."""
+    """Connect to the device of a problem; raises as `control_of`."""
     assert problem.device is not None
     kind, address = problem.device
     if kind == "ros2":
@@ -212,34 +214,33 @@ def connected(problem: LiveProblem, *, fifo: int | None = None) -> RemoteDevice:
 
 
 class _LoggedRobot:
-    """A robot with the states of a log; commands have no effect."""
+    """A robot whose states come from a log; commands have no effect."""
 
     def __init__(self, dt: float) -> None:
         self.dt = dt
 
     def show(self, record: np.void) -> None:
-        """Set measurement and truth from a tick's record."""
+        """Set the measured and the true state from a tick's record."""
         stamp, time = float(record["stamp"]), float(record["time"])
         self.measured = Measurement(stamp, *(record[each].copy() for each in ("position", "velocity", "force")))
         true = (record[each].copy() for each in ("true_position", "true_velocity", "effort", "true_force"))
         self.truth = Truth(time, *true)
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """It is where it was."""
+        """Return the logged measurement; `position` is ignored."""
         return self.measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """It is where it was."""
+        """Return the logged measurement; `command` and `push` are ignored."""
         return self.measured
 
 
 def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
-    """The problem of a log; its files are written into an empty folder.
+    """The problem of a log; the problem's files are written to `folder`, which must be empty.
 
     Raises
     ------
-    ConfigurationError : the log is not of a problem file; only the program that wrote it has its controller, see
-        `replayed`.
+    ConfigurationError : the log is not of a problem file. The program that wrote it can replay it with `replayed`.
     ProblemFileError : the problem in the log is invalid.
     """
     if TEXT not in logged.files:
@@ -249,7 +250,7 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
     home = PurePosixPath(logged.about.get(HOME, ""))
     for name, data in logged.files.items():
         place = home / name if name == TEXT else PurePosixPath(name)
-        if place.is_absolute() or ".." in place.parts:  # a log may come from anybody
+        if place.is_absolute() or ".." in place.parts:  # a log from another person may be malicious
             raise ProblemFileError("the log", "attachment", name, "the name of a file beside the problem's")
         path = folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -261,23 +262,26 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
 def control_again(
     problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
 ) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
-    """A problem's control on a log's robot; the function that calls it; and the function that sets a record."""
+    """Control of a problem on the robot of a log, the control as a function of a tick, and a function of a record.
+
+    Call the last function with a tick's record to set the robot's state.
+    """
     robot = _LoggedRobot(problem.dt)
     control = problem.control(robot)
     return control, decide_of(control, then=then), robot.show
 
 
 def replay_problem(logged: Logged) -> Replay:
-    """Replay the session of a problem; raises as `logged_problem`."""
+    """Replay the log of a problem; raises as `logged_problem`."""
     with tempfile.TemporaryDirectory() as folder:
         _, decide, show = control_again(logged_problem(logged, Path(folder)))
         return replayed(logged.records, decide, before=show)
 
 
 def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
-    """Contents by path of the problem's text and of the recordings and robot files (TOML, URDF, MJCF) that it names.
+    """Contents by path: the problem file, and the recordings and robot files (TOML, URDF, MJCF) that it names.
 
-    Files in the data folder are left out, because they belong to other people.
+    Files in the data folder are left out, because their licences may forbid copies.
     """
     files, home = {TEXT: config.path.read_bytes()}, _home(config)
     for needed in needed_files(config.problem):
@@ -294,7 +298,7 @@ def files_of(config: ProblemFile[Any]) -> dict[str, bytes]:
 
 
 def _home(config: ProblemFile[Any]) -> PurePosixPath:
-    """The problem's folder relative to the folder that contains all of its files."""
+    """The problem file's folder, relative to the folder that contains all files that the problem names."""
     references = (PurePosixPath(each.reference) for each in needed_files(config.problem))
     above = max((each.parts.count("..") for each in references), default=0)
     return PurePosixPath(*config.path.resolve().parent.parts[-above:]) if above else PurePosixPath()

@@ -1,4 +1,4 @@
-"""Inputs of a controller in a tick; records of a loop's ticks and of its operator's inputs."""
+"""Inputs of a controller in one tick; layouts of the records of a loop's ticks and of an operator's inputs."""
 
 from __future__ import annotations
 
@@ -17,28 +17,27 @@ __all__ = ["Decide", "StateRecord", "Tick", "operator_layout", "state_layout"]
 
 
 class Tick(NamedTuple):
-    """All inputs of a controller in one tick; a log of them can be replayed."""
+    """All inputs of a controller in one tick; logged ticks can be replayed."""
 
     number: int
-    """Number from 0; skipped ticks count."""
+    """Number of the tick, from 0; skipped ticks count."""
     time: float
-    """[s] deadline since the loop's start: `number` times dt."""
+    """Deadline [s] of the tick since the loop's start: `number` times dt."""
     seen: Measurement
-    """Measurement of the sensors."""
+    """Newest measurement of the robot."""
     operator: np.void | None
-    """The operator's inputs, see `operator_layout`; None before the first record."""
+    """The operator's inputs, with the fields of `operator_layout`; None before the operator's first record."""
     enabled: bool
-    """The `enable` input of `step`."""
+    """The `enable` input of the controller's `step`."""
 
 
 Decide: TypeAlias = Callable[[Tick], Command]
 """A controller as a function of a tick: `lambda tick: tracker.step(tick.seen.position, pose, twist,
-enable=tick.enabled)`. It must not read a clock or anything else that changes between runs, or its log cannot be
-replayed."""
+enable=tick.enabled)`. The function may depend on the ticks alone, not on a clock; otherwise logs cannot be replayed."""
 
 
 STATUS, REASON = 16, 240
-"""Bytes of a status and of a reason; longer ones are truncated."""
+"""Largest sizes [byte] of a status and of a reason; longer texts are truncated."""
 
 
 def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int = 3) -> np.dtype[Any]:
@@ -46,15 +45,18 @@ def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int 
 
     Fields
     ------
-    heartbeat : [s] `time.monotonic` when the dead man's switch was last reported as held; NaN if it is not held.
-    stick (axes,) : deflections, -1 to 1. buttons : one bit each. target (targets, 4, 4) : poses in the base frame [m],
-    the tool's first; twist (targets, 6) their twists [m/s, rad/s]. For hands in a plane, column 3 has their positions.
-    push (force,) : [N] on the hand of a simulated robot. frozen (joints,) : 1 for a frozen encoder; noise [rad, m] of
-    the encoders, delay [s] of measurements: faults of a simulated robot.
+    heartbeat : `time.monotonic` [s] when the dead man's switch was last reported as held; NaN if it is released.
+    stick (axes,) : deflections, -1 to 1. buttons : one bit per button.
+    target (targets, 4, 4) : poses in the base frame [m], the tool's first. twist (targets, 6) : twists of the targets
+    [m/s, rad/s]. For hands in a plane, the last column of a pose has the position.
+    push (force,) : force [N] on the hand of a simulated robot.
+    frozen (joints,) : 1 for a frozen encoder. noise : encoder noise [rad, m]. delay : delay of measurements [s]. These
+    three fields are faults of a simulated robot.
 
     Parameters
     ----------
-    joints : of the plant. axes : of the stick. targets : number of hands. force : components, 2 or 3.
+    joints : number of the plant's joints. axes : number of the stick's axes. targets : number of hands.
+    force : number of components of the force, 2 or 3.
     """
     return np.dtype(
         [
@@ -74,25 +76,33 @@ def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int 
 def state_layout(
     joints: int, operator: np.dtype[Any] | None = None, *, command: int | None = None, wheels: int = 0, force: int = 3
 ) -> np.dtype[Any]:
-    """Layout of one tick: the controller's inputs and command, the true state, and timing.
+    """Layout of the record of one tick: the controller's inputs and command, the true state, and timing.
 
     Numbers of 8 bytes come first, then texts, as `rehab_opt.loop.cdr` requires.
 
     Fields
     ------
-    record : number of the record, from 1. tick : number of the tick, from 0, skipped ones included. time : [s] deadline
-        since the loop's start. clock : [s] deadline on `time.monotonic`.
-    stamp : [s] of the measurement, on the plant's clock. position, velocity (joints,), force (force,) : measured.
-    enabled : 1 if the controller was enabled. age : [s] of the measurement when the command was sent.
-    asked_before : 0 if the controller was called once; if twice, 2 if the first call was enabled, else 1.
-    held : 1 while the dead man's switch is held. operated : 1 after the operator's first record. Then all fields of
-        `operator` with the prefix `operator_`.
-    command (command,) : the command, and wheels (wheels,). scale, residual, relaxed : see `Command`. true_position,
-    true_velocity, effort (joints,), true_force (force,) : the plant's truth; for a device its measurement.
-    lateness : [s] from the deadline to the start of the tick. tick_time : [s] from the start until the command was
-        sent.
-    missed : ticks skipped so far. stale : commands withheld so far because the robot's state was stale.
-    status, reason : texts.
+    record : number of the record, from 1. tick : number of the tick, from 0, skipped ticks included.
+    time : deadline of the tick since the loop's start [s]. clock : `time.monotonic` at the tick's start [s].
+    stamp : time of the measurement on the plant's clock [s]. position, velocity (joints,), force (force,) : measured
+        values [rad, m], [rad/s, m/s], [N].
+    enabled : 1 if the controller was enabled. age : age of the measurement when the command was sent [s].
+    asked_before : 0 if the controller was called once; if it was called twice, 2 if the first call was enabled, else 1.
+    held : 1 while the dead man's switch is held. operated : 1 after the operator's first record.
+    operator_... : all fields of `operator`, with this prefix.
+    command (command,), wheels (wheels,) : the command. scale, residual, relaxed : as in `Command`.
+    true_position, true_velocity, effort (joints,), true_force (force,) : true state of the plant; for a device, the
+        measured state.
+    lateness : time from the deadline to the start of the tick [s].
+    tick_time : time from the start of the tick until the command was sent [s].
+    missed : number of ticks skipped so far. stale : number of commands withheld so far because the state was stale.
+    status, reason : texts of the command.
+
+    Parameters
+    ----------
+    joints : number of the plant's joints. operator : layout of the operator's inputs, or None.
+    command : number of the command's components, by default `joints`. wheels : number of wheels.
+    force : number of components of the force, 2 or 3.
     """
     size = joints if command is None else command
     fields: list[tuple[Any, ...]] = [
@@ -133,15 +143,15 @@ def state_layout(
 
 
 class StateRecord:
-    """The fields of `state_layout` in a ring, looked up once, because look-up by name is slow.
+    """Writes ticks to a ring of `state_layout` records.
 
     Parameters
     ----------
-    ring : the ring to write. operator : layout of the operator's inputs, or None.
+    ring : ring of `state_layout` records. operator : layout of the operator's inputs, or None.
 
     Raises
     ------
-    ConfigurationError : a ring with other records, or of another operator layout.
+    ConfigurationError : the ring's records lack a field of `state_layout` or of `operator`.
     """
 
     def __init__(self, ring: SharedRing, operator: np.dtype[Any] | None) -> None:
@@ -156,7 +166,7 @@ class StateRecord:
         self._reason, self._status = b"", b""
 
     def write(self, tick: Tick, truth: Truth, command: Command, **others: float) -> None:
-        """Publish one tick; `others` are further fields of the record by name."""
+        """Publish the record of one tick; `others` are further fields of the record by name."""
         fields, (_, position, velocity, force) = self._fields, tick.seen
         fields["tick"][()], fields["time"][()], fields["enabled"][()] = tick.number, tick.time, tick.enabled
         fields["stamp"][()] = tick.seen.stamp

@@ -1,4 +1,4 @@
-"""A device with its driver in a separate process, so that the loop never waits."""
+"""A device whose driver runs in a separate process, so that the loop never waits for the device."""
 
 from __future__ import annotations
 
@@ -18,34 +18,37 @@ __all__ = ["Driver", "Reading", "RemoteDevice", "commanded_layout", "sensed_layo
 Array = NDArray[np.float64]
 
 PATIENCE, ENDING = 15.0, 5.0
-"""[s] to connect, and to disconnect."""
+"""Longest times [s] to connect and to disconnect."""
 NEAR = 0.05
-"""[rad, m] Largest deviation of a joint from the expected start position."""
+"""Largest deviation [rad, m] of a joint from the expected start position."""
 
 
 class Reading(NamedTuple):
-    """The latest state that a driver received from its device."""
+    """Newest state that a driver received from its device."""
 
     position: ArrayLike
     velocity: ArrayLike
     force: ArrayLike
     scaling: float = 1.0
-    """Fraction of the commanded speed at which the device runs, if it reports one: a pendant's speed slider."""
+    """Fraction of the commanded speed at which the device runs, as set by the speed slider of its pendant."""
 
 
 class Driver(Protocol):
-    """Driver that runs in a device's process. Its calls may wait; each raises DeviceLostError if the device is gone."""
+    """Driver of a device, run in a separate process; its methods may wait.
+
+    Each method raises DeviceLostError if the device is lost.
+    """
 
     def read(self) -> Reading | None:
-        """The newest state since the last call, or None."""
+        """The newest state of the device; None if there is no new one since the last call."""
         ...
 
     def send(self, velocity: list[float]) -> None:
-        """Command joint velocities [rad/s, m/s] until the next command."""
+        """Command joint velocities [rad/s, m/s], which hold until the next command."""
         ...
 
     def brake(self) -> None:
-        """Brake to rest by the device's own means."""
+        """Brake to rest with the device's own stop function."""
         ...
 
     def keep_alive(self) -> None:
@@ -58,7 +61,7 @@ class Driver(Protocol):
 
 
 def sensed_layout(joints: int) -> np.dtype[Any]:
-    """Layout of records from the driver's process."""
+    """Layout of the records that the driver's process sends to the loop."""
     return np.dtype(
         [("stamp", "<f8"), ("position", "<f8", (joints,)), ("velocity", "<f8", (joints,)), ("force", "<f8", (3,)),
          ("scaling", "<f8"), ("sent", "<u8"), ("failure", "S240")]
@@ -66,23 +69,23 @@ def sensed_layout(joints: int) -> np.dtype[Any]:
 
 
 def commanded_layout(joints: int) -> np.dtype[Any]:
-    """Layout of records to the driver's process."""
+    """Layout of the records that the loop sends to the driver's process."""
     return np.dtype([("velocity", "<f8", (joints,))])
 
 
 class RemoteDevice:
     """A `Device` with joint velocity commands, made by functions such as `connect_ur`.
 
-    Readings are stamped on arrival. If the loop stops or is killed, the driver's process brakes the robot; if that
-    process ends, the robot's own watchdog does.
+    The driver's process stamps each reading on arrival. If the loop stops or is killed, the driver's process brakes the
+    robot. If the driver's process ends, the robot's own watchdog brakes the robot.
 
     Parameters
     ----------
-    driver : name of the driver's module in this package. options : of the driver.
-    joints : number of joints. dt : [s] of a tick. name : of the device, for messages.
-    watchdog : [s] without a reading after which the device counts as lost; the driver brakes after half of it without a
-        command.
-    fifo : of the driver's process, see `Loop`.
+    driver : name of the driver's module in `rehab_opt.loop`. options : arguments of the driver.
+    joints : number of joints. dt : duration of a tick [s]. name : name of the device in messages.
+    watchdog : time [s] without a reading after which the device counts as lost. The driver brakes after half of this
+        time without a command.
+    fifo : SCHED_FIFO priority of the driver's process, as for `Loop`.
     """
 
     def __init__(
@@ -125,12 +128,12 @@ class RemoteDevice:
 
     @property
     def process_id(self) -> int:
-        """Process id of the driver."""
+        """Process id of the driver's process."""
         return self._driver.id
 
     @property
     def measured(self) -> Measurement:
-        """The last reading. Raises DeviceLostError if it is too old or the driver reports a loss."""
+        """The last reading; raises DeviceLostError if the reading is too old or the driver reports a failure."""
         newest = None if self._closed else self._sensed.latest()
         if newest is None:
             raise DeviceLostError(f"{self._name} was closed")
@@ -147,22 +150,22 @@ class RemoteDevice:
 
     @property
     def scaling(self) -> float:
-        """Fraction of the commanded speed in the last reading; 1 for a device that reports none."""
+        """Fraction of the commanded speed at which the device runs; 1 for a device that does not report it."""
         newest = None if self._closed else self._sensed.latest()
         return 1.0 if newest is None else float(newest.record["scaling"])
 
     @property
     def truth(self) -> Truth:
-        """The measurement, with the current time."""
+        """The measured state with the current time, since a device's true state is unknown."""
         _, position, velocity, force = self.measured
         return Truth(time.monotonic(), position, velocity, np.zeros(self._joints), force)
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Return the measurement if the joints are at `position` (n,); nothing moves.
+        """Check that the joints are at `position` (n,) [rad, m] and return the measurement; the robot does not move.
 
         Raises
         ------
-        ConfigurationError : the joints are elsewhere.
+        ConfigurationError : a joint is more than 0.05 rad or m away.
         """
         seen = self.measured
         if not np.all(np.abs(np.asarray(position, dtype=np.float64) - seen.position) <= NEAR):
@@ -170,11 +173,11 @@ class RemoteDevice:
         return seen
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """Send joint velocities (n,) [rad/s, m/s]; returns the last reading. A push is ignored.
+        """Send joint velocities (n,) [rad/s, m/s]; return the last reading. `push` is ignored.
 
         Raises
         ------
-        ConfigurationError : a velocity that is not finite.
+        ConfigurationError : a velocity is not finite.
         """
         seen = self.measured
         if not np.isfinite(command).all():
@@ -183,7 +186,7 @@ class RemoteDevice:
         return seen
 
     def stop(self) -> None:
-        """Send zero velocities; without another command the driver brakes."""
+        """Command zero velocities; the driver brakes if no further command follows."""
         if not self._closed:
             self._commanded.write(velocity=0.0)
 

@@ -1,4 +1,4 @@
-"""The process of a device's driver: `python -m rehab_opt.loop.remote_process`, its orders on standard input."""
+"""The process of a device's driver: `python -m rehab_opt.loop.remote_process`, with settings on standard input."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from rehab_opt.loop.shared_ring import SharedRing
 __all__ = ["drive", "main"]
 
 KEEP = 0.02
-"""[s] without a command after which the device's watchdog is kept alive."""
+"""Time [s] without a command after which the driver resets the device's watchdog."""
 LOOKS = 2e-4
-"""[s] between two polls of both sides."""
+"""Time [s] between two polls of the device and the loop."""
 
 
 def main() -> None:
@@ -36,14 +36,17 @@ def _drive_as_ordered(orders: dict[str, Any], sensed: SharedRing, commanded: Sha
         driver = import_module(f"rehab_opt.loop.{orders['driver']}").driver(**orders["options"])
         drive(driver, sensed, commanded, silent=orders["silent"])
     except DeviceLostError as gone:
-        sensed.write(failure=str(gone))  # before it is let go of, which may take seconds
+        sensed.write(failure=str(gone))  # before `close`, which may take seconds
     finally:
         if driver is not None:
             driver.close()
 
 
 def drive(driver: Driver, sensed: SharedRing, commanded: SharedRing, *, silent: float) -> None:
-    """Pass readings and commands on until standard input closes; brake after `silent` [s] without a command."""
+    """Pass readings to the loop and commands to the device; brake after `silent` [s] without a command.
+
+    The function returns when standard input closes.
+    """
     done, sent, moving, kept = commanded.latest(), 0, False, 0.0
     while not select.select([sys.stdin], [], [], LOOKS)[0]:
         reading = driver.read()

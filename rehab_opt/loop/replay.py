@@ -1,4 +1,4 @@
-"""Replay a logged session: compute every command again from the logged inputs."""
+"""Replay a log: compute every command again from the logged inputs and compare it with the logged command."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from rehab_opt.plants.plant import Measurement
 __all__ = ["SAME", "Replay", "replayed", "replayed_command", "tick_of"]
 
 SAME = 1e-12
-"""Largest difference of equal commands [their own units]."""
+"""Largest difference of two commands that count as equal, in the commands' units."""
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Result of a replay.
+    """Result of a replay, which ends at the first different command.
 
     Parameters
     ----------
-    same : number of equal commands. ticks : in the log. worst : largest difference among equal commands.
-    first : the first different command in words, or what the log lacks; empty if all are equal.
+    same : number of equal commands. ticks : number of ticks in the log.
+    worst : largest difference between equal commands.
+    first : description of the first different command or of missing records; empty if all commands are equal.
     """
 
     same: int
@@ -38,11 +39,12 @@ class Replay:
 def replayed(
     records: NDArray[np.void], decide: Decide, *, before: Callable[[np.void], None] = lambda _: None
 ) -> Replay:
-    """Call a new controller with the logged inputs of its session.
+    """Call a new controller with the inputs of a log and compare its commands with the logged ones.
 
     Parameters
     ----------
-    records : (N,) of a log from its first tick. before : called with each record before the controller.
+    records : records (N,) of a log from its first tick. decide : the new controller.
+    before : function that is called with each record before the controller.
     """
     operator, worst = operator_of(records.dtype), 0.0
     for i, record in enumerate(records):
@@ -58,7 +60,7 @@ def replayed(
 
 
 def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decide) -> Command:
-    """A controller's command in a logged tick; `operator` as in `tick_of`."""
+    """Command of a controller for the inputs of a logged tick; `operator` is the layout of `operator_of`."""
     tick = tick_of(record, operator)
     if record["asked_before"]:
         decide(tick._replace(enabled=record["asked_before"] == 2))
@@ -92,7 +94,7 @@ def _apart(command: Command, record: np.void) -> float:
     apart = [float(np.abs(command.value - record["command"]).max(initial=0.0))]
     if command.wheels is not None and "wheels" in (record.dtype.names or ()):
         apart.append(float(np.abs(command.wheels - record["wheels"]).max(initial=0.0)))
-    return float(np.max(apart))  # of a NaN, NaN
+    return float(np.max(apart))  # NaN if a difference is NaN
 
 
 def _words(record: np.void, command: Command, apart: float) -> str:

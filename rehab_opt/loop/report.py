@@ -1,4 +1,4 @@
-"""Report of a loop: reason for its end, and timing."""
+"""Report of a loop: the reason why it ended, and its timing."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ __all__ = ["LoopReport", "Times"]
 
 
 FIRST, FINENESS, OCTAVES = 1e-6, 32, 26
-"""Upper end of the first bin [s], bins per octave, number of octaves; the last bin is at one minute."""
+"""Bins of the histogram: upper end of the first bin [s], bins per octave, number of octaves (up to one minute)."""
 
 
 class Times:
-    """A histogram of times: `add` takes 0.25 us, and percentiles are at most 2.2 % too large.
+    """A histogram of times; its percentiles are at most 2.2 % too large.
 
     Attributes
     ----------
-    count : number of times. worst : [s] largest time; 0 before the first.
+    count : number of times. worst : largest time [s]; 0 before the first one.
     """
 
     def __init__(self) -> None:
@@ -25,14 +25,14 @@ class Times:
         self.count, self.worst = 0, 0.0
 
     def add(self, seconds: float) -> None:
-        """Add a time; a negative one counts as zero."""
+        """Add a time [s]; a negative time counts as zero."""
         self.count += 1
         self.worst = max(self.worst, seconds)
         place = 0 if seconds <= FIRST else int(math.log2(seconds / FIRST) * FINENESS) + 1
         self._bins[min(place, len(self._bins) - 1)] += 1
 
     def percentile(self, percent: float) -> float:
-        """[s] time that at most 100 - `percent` % of the times exceed; 0 without times."""
+        """Time [s] that at most 100 - `percent` % of the times exceed; 0 without times."""
         needed, seen = percent / 100 * self.count, 0
         for place, count in enumerate(self._bins):
             seen += count
@@ -50,10 +50,11 @@ class LoopReport:
     ticks : number of ticks. missed : number of ticks that were skipped after a late one.
     late : number of ticks that started more than half a tick after their deadline.
     stale : number of commands withheld because the robot's state was stale.
-    lateness : from the deadline to the start of a tick. tick_time : from the start until the command was sent.
-    scheduling : of the thread, and settings that were refused.
-    reason : why the loop ended. lost : whether the device was gone.
-    scaling : least fraction of the commanded speed at which the device ran, by its own report.
+    lateness : times from the deadline to the start of a tick.
+    tick_time : times from the start of a tick until its command was sent.
+    scheduling : scheduling of the thread; if SCHED_FIFO was not granted, the reason.
+    reason : reason why the loop ended. lost : whether the device was lost.
+    scaling : smallest fraction of the commanded speed at which the device ran, as the device reports it.
     """
 
     ticks: int
@@ -68,7 +69,7 @@ class LoopReport:
     scaling: float = 1.0
 
     def __str__(self) -> str:
-        """A few lines for a terminal."""
+        """Summary in a few lines for a terminal."""
         return "\n".join(
             (
                 f"ended: {self.reason}",

@@ -1,4 +1,4 @@
-"""Robots with ROS 2 messages, through zenoh: joint states in, joint velocities out."""
+"""Driver of robots with ROS 2, through zenoh: receives joint states and sends joint velocities."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from rehab_opt.loop.remote import Reading, RemoteDevice
 __all__ = ["Ros2Driver", "connect_ros2", "driver", "fraction_of", "joints_of"]
 
 WATCHDOG = 0.1
-"""[s]"""
+"""Default time [s] without a joint state after which the robot counts as lost."""
 HUNDRED_PERCENT = b"\0\1\0\0" + struct.pack("<d", 100.0)
 UNHEARD, WAITING = 2.0, 1000
-"""[s] to wait at the start for states of all joints; largest number of queued messages."""
+"""Longest wait [s] for the first states of all joints; largest number of queued messages."""
 
 
 def connect_ros2(
@@ -39,26 +39,27 @@ def connect_ros2(
     watchdog: float = WATCHDOG,
     fifo: int | None = None,
 ) -> RemoteDevice:
-    """A robot of ROS 2 as a `Device`: `sensor_msgs/JointState` in, `std_msgs/Float64MultiArray` out, as bytes of CDR.
+    """Connect to a robot with ROS 2, as a `Device` with joint velocity commands.
 
-    Messages pass through zenoh's bridge for ROS 2 (zenoh-bridge-ros2dds) under the topics' names. The robot's
-    controller needs its own time-out: without commands ros2_control's forward controllers hold the last velocity. Joint
-    states may be spread over several messages, mixed with those of a gripper or wheels; a state is complete once all
-    joints have a new value. Forces are not read and are zero.
+    The driver receives `sensor_msgs/JointState` and sends `std_msgs/Float64MultiArray` messages through zenoh's bridge
+    for ROS 2 (zenoh-bridge-ros2dds). The robot's controller needs a time-out of its own: without commands,
+    ros2_control's forward controllers hold the last velocity. Several messages may share the joints among them, and may
+    contain other joints; a state is complete once each joint has a new value. The measured force is always zero.
 
     Parameters
     ----------
-    names : of the joints, in the order of the commands. rate_hz : of the loop.
-    locator : address of the bridge or router. states, commands : topics, without the first slash.
-    scaling : topic of `std_msgs/Float64` with the robot's speed scaling [%], as the drivers of UR and Elite publish it;
-        100 % until it comes.
-    watchdog : [s] without a joint state after which the robot counts as lost; it brakes after half of it without a
-        command.
-    fifo : priority of the driver's process, see `Loop`.
+    names : names of the joints, in the order of the commands. rate_hz : rate of the loop [Hz].
+    locator : address of the bridge or router. states, commands : names of the topics, without the first slash.
+    scaling : topic of `std_msgs/Float64` with the robot's speed scaling [%], which the drivers of UR and Elite publish.
+        Before the first message, the speed scaling counts as 100 %.
+    watchdog : time [s] without a joint state after which the robot counts as lost. The driver brakes after half of this
+        time without a command.
+    fifo : SCHED_FIFO priority of the driver's process, as for `Loop`.
 
     Raises
     ------
-    ConfigurationError : zenoh is not installed (extra `ros2`), no names. DeviceLostError : no joint state arrives.
+    ConfigurationError : zenoh is not installed (extra `ros2`), or names are missing or repeated. DeviceLostError : no
+        joint state arrives.
     """
     if find_spec("zenoh") is None:
         raise ConfigurationError("locator", locator, "zenoh, which is not installed: pip install 'rehab_opt[ros2]'")
@@ -72,7 +73,7 @@ def connect_ros2(
 
 
 class Ros2Driver:
-    """A `Driver` for ROS 2; raises DeviceLostError without a connection or for an invalid message."""
+    """`Driver` of a robot with ROS 2; raises DeviceLostError without a connection or for an invalid message."""
 
     def __init__(self, names: list[str], locator: str, states: str, commands: str, scaling: str) -> None:
         zenoh: Any = import_module("zenoh")
@@ -99,7 +100,7 @@ class Ros2Driver:
         self._scaling = sample.payload.to_bytes()
 
     def read(self) -> Reading | None:
-        """The state of all joints, once each has a new value."""
+        """State of all joints; None until each joint has a new value since the last state."""
         came = None
         while self._messages:
             came = np.array(joints_of(self._messages.popleft(), self._names))
@@ -119,11 +120,11 @@ class Ros2Driver:
         self._publisher.put(floats(velocity))
 
     def brake(self) -> None:
-        """Send zeros; the robot's controller limits the deceleration."""
+        """Command zero velocities; the robot's controller limits the deceleration."""
         self.send([0.0] * len(self._names))
 
     def keep_alive(self) -> None:
-        """Send zeros again, for a controller with a time-out."""
+        """Command zero velocities again, for a robot's controller with a time-out."""
         self.brake()
 
     def close(self) -> None:
@@ -133,7 +134,7 @@ class Ros2Driver:
 
 
 def fraction_of(message: bytes) -> float:
-    """The fraction in a `std_msgs/Float64` of percent.
+    """Fraction of the commanded speed, from a `std_msgs/Float64` message in percent.
 
     Raises
     ------
@@ -149,18 +150,18 @@ def fraction_of(message: bytes) -> float:
 
 
 driver = Ros2Driver
-"""Entry point of the driver's process."""
+"""Driver class that the driver's process loads."""
 
 
 def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions and velocities (n,) of these joints in a `sensor_msgs/JointState`; velocities it lacks are zero.
+    """Positions and velocities (n,) of the named joints in a `sensor_msgs/JointState` message.
 
-    Both are NaN for a joint without a position.
+    Missing velocities are zero. If a joint has no position, its position and velocity are NaN.
 
     Raises
     ------
-    DeviceLostError : the message is truncated, has another encoding, different numbers of names and values, or two
-        positions of a joint.
+    DeviceLostError : the message is truncated, has another encoding, has different numbers of names and values, or
+        has two positions of a joint.
     """
     try:
         told, position, velocity = _parts(message)
@@ -182,7 +183,7 @@ def _place(name: str, told: list[str], position: NDArray[np.float64]) -> int | N
 
 
 def _order(message: bytes) -> str:
-    """Byte order of a message, as `struct` writes it."""
+    """Byte order of a message, as a format character of `struct`."""
     order = {b"\0\0": ">", b"\0\1": "<"}.get(message[:2])
     if order is None:
         raise ValueError(f"encoding {message[:2].hex()}")
@@ -190,7 +191,7 @@ def _order(message: bytes) -> str:
 
 
 def _parts(message: bytes) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
-    order, body, place = _order(message), message[4:], 8  # behind seconds and nanoseconds
+    order, body, place = _order(message), message[4:], 8  # skips seconds and nanoseconds
 
     def counted() -> int:
         nonlocal place
@@ -216,7 +217,7 @@ def _parts(message: bytes) -> tuple[list[str], NDArray[np.float64], NDArray[np.f
         place += 8 * count
         return found
 
-    text()  # the frame
+    text()  # skips the frame's name
     names, position, velocity = [text() for _ in range(counted())], numbers(), numbers()
     for array in (position, velocity):
         if array.size not in (0, len(names)):

@@ -1,4 +1,4 @@
-"""Real-time settings of this process, with a report of those that the operating system refuses."""
+"""Real-time settings of a thread, with a report of settings that the operating system refuses."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from rehab_opt.errors import ConfigurationError
 __all__ = ["in_time", "sleep_overshoot"]
 
 _SET_TIMER_SLACK, _GET_TIMER_SLACK = 29, 30
-"""Constants of Linux's prctl."""
+"""Operation codes of Linux's prctl."""
 
 
 @contextmanager
 def in_time(fifo: int | None) -> Iterator[str]:
-    """Context with real-time settings for the calling thread; yields a text on the granted settings.
+    """Context with real-time settings for the calling thread; yields a text on the granted scheduling.
 
-    The garbage collector is off and existing objects are frozen, because full collections take tens of milliseconds.
-    Sleeps end within 1 us of their time instead of 50 us (Linux's timer slack).
+    Inside, the garbage collector is off, because full collections take tens of milliseconds. Linux's timer slack, which
+    delays the end of each sleep, is 1 ns instead of 50 us.
 
     Parameters
     ----------
-    fifo : priority 1 to 99 of SCHED_FIFO, which runs before all normal threads; None for a normal thread. Without
-        permission the thread stays normal.
+    fifo : SCHED_FIFO priority, 1 to 99; None for a normal thread. A FIFO thread runs before all normal threads. Without
+        permission, the thread stays normal.
 
     Raises
     ------
-    ConfigurationError : a priority out of range.
+    ConfigurationError : the priority is out of range.
     """
     if fifo is not None and not (isinstance(fifo, int) and 1 <= fifo <= 99):
         raise ConfigurationError("fifo", fifo, "a priority from 1 to 99, or None")
@@ -55,7 +55,7 @@ def in_time(fifo: int | None) -> Iterator[str]:
 
 
 def _made_fifo(priority: int | None) -> tuple[int, os.sched_param] | str | None:
-    """The previous scheduling; a text if the change failed; None if nothing was requested."""
+    """Request SCHED_FIFO; return the previous scheduling, a reason if refused, or None without a priority."""
     if priority is None:
         return None
     if not hasattr(os, "sched_setscheduler"):
@@ -72,7 +72,7 @@ def _made_fifo(priority: int | None) -> tuple[int, os.sched_param] | str | None:
 
 
 def _timer_slack(nanoseconds: int) -> int | None:
-    """Set the timer slack; returns the previous value, or None if it cannot be set."""
+    """Set the timer slack; return the previous value [ns], or None if the slack cannot be set."""
     if not sys.platform.startswith("linux"):
         return None
     prctl = ctypes.CDLL(None).prctl
@@ -81,7 +81,10 @@ def _timer_slack(nanoseconds: int) -> int | None:
 
 
 def sleep_overshoot(dt: float, *, count: int = 20) -> float:
-    """[s] twice the median overshoot of sleeps of `dt` / 5, at most 0.2 ms and `dt` / 3."""
+    """Time [s] by which to wake before a deadline: twice the median overshoot of `count` sleeps of `dt` / 5.
+
+    The result is at most 0.2 ms and at most `dt` / 3.
+    """
     late = []
     for _ in range(count):
         until = time.monotonic() + dt / 5

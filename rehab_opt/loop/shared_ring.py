@@ -1,4 +1,4 @@
-"""The newest records of one process in shared memory; neither writer nor readers ever wait."""
+"""Ring buffer of records in shared memory: one process writes, any process reads, and none of them waits."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 
 MAGIC = b"rehab-1\0"
 _HEADER = struct.Struct("=8sQQQ")  # magic, number of the newest record (0: none yet), depth, length of the layout
-_NEWEST = 1  # its place in the header, in numbers
-_SLOT = struct.Struct("=QdQ")  # number of the record, when it was written [s], CRC-32 of both and of the record
-_CHECKED = 16  # bytes of a slot's head that the CRC covers
+_NEWEST = 1  # index of the newest record's number in the header, counted in 8-byte numbers
+_SLOT = struct.Struct("=QdQ")  # number of the record, time of writing [s], CRC-32 of both and of the record
+_CHECKED = 16  # number of bytes of a slot's head that the CRC covers
 _TRIES = 8
 _QUIET = threading.Lock()
 
@@ -36,33 +36,33 @@ class Newest(NamedTuple):
     number: int
     """Number of the record, from 1."""
     time: float
-    """[s] when it was written, on the clock of `time.monotonic`."""
+    """`time.monotonic` [s] when the record was written."""
     record: np.void
-    """A copy: `record["force"]`."""
+    """Copy of the record; `record["force"]` is the field `force`."""
 
 
 class News(NamedTuple):
     """Records written since a reader's last call."""
 
     records: NDArray[np.void]
-    """(k,) oldest first."""
+    """New records (k,), oldest first."""
     lost: int
-    """Number of records that were overwritten before this reader read them."""
+    """Number of records that were overwritten before the reader read them."""
 
 
 class SharedRing:
     """The last `depth` records of one writer, for any number of readers in any process.
 
-    The writer writes to the slot after the newest one; a reader copies a slot and takes it only if its number and CRC
-    are right. So nobody waits and no half-written record is read, not even on processors that reorder stores. If the
-    writer is killed while writing, the record before stays readable. On Linux all processes share one clock.
+    The writer writes to the slot after the newest one. A reader copies a slot and accepts the copy only if its number
+    and CRC are right. So no process waits, and no reader gets a half-written record, even on processors that reorder
+    stores. If the writer is killed while writing, the previous record stays readable.
 
-    Make one with `create` and pass its `name`, or the object itself, to processes that `attach`; they get the layout,
-    too. The memory is removed when its maker closes it or ends. Each object serves one thread.
+    Make a ring with `create` and pass its `name` to other processes, which `attach`. The memory is removed when the
+    process that created the ring closes it or ends. Use each object in one thread only.
     """
 
     def __init__(self, memory: SharedMemory, *, owner: bool) -> None:
-        """See `create` and `attach`."""
+        """Use `create` or `attach` instead."""
         self._memory, self._owner = memory, owner
         buffer = _bytes_of(memory)
         _, newest, self.depth, length = _HEADER.unpack_from(buffer)
@@ -74,7 +74,7 @@ class SharedRing:
         self._begin = _in_eights(_HEADER.size + length)
         self._slot = _in_eights(_SLOT.size + self.layout.itemsize)
         self._buffer = buffer
-        # As native numbers, which are stored and loaded whole: `struct` would do it byte by byte.
+        # A view as native numbers stores 8 bytes at once; `struct` would store byte by byte.
         self._numbers = buffer[: _HEADER.size].cast("Q")
         self._draft = bytearray(self.layout.itemsize)
         self._record = np.frombuffer(self._draft, dtype=self.layout)[0:1].reshape(())
@@ -87,13 +87,14 @@ class SharedRing:
 
         Parameters
         ----------
-        layout : structured dtype of a record, of numbers, arrays and byte strings.
-        depth : number of stored records: 4 for a viewer; for a log, the largest lag of the logger in records.
-        name : unique on this machine; random by default.
+        layout : structured dtype of a record, with numbers, arrays and byte strings.
+        depth : number of stored records. A viewer needs 4; a log needs its largest lag in records.
+        name : name of the ring, unique on this machine; random by default.
 
         Raises
         ------
-        ConfigurationError : the dtype has no names, the depth is below 2, the name is in use, no shared memory.
+        ConfigurationError : the dtype has no names, the depth is below 2, the name is in use, or there is no shared
+            memory.
         """
         if layout.names is None or layout.hasobject:
             raise ConfigurationError("layout", layout, "a structured dtype without objects")
@@ -113,7 +114,7 @@ class SharedRing:
 
     @classmethod
     def attach(cls, name: str, *, from_start: bool = False) -> Self:
-        """Attach to another process's ring; with `from_start`, `news` also returns earlier records.
+        """Attach to a ring of another process; with `from_start`, `news` also returns records written before.
 
         Raises
         ------
@@ -132,16 +133,19 @@ class SharedRing:
 
     @property
     def name(self) -> str:
-        """Name for `attach`."""
+        """Name of the ring, for `attach`."""
         return self._memory.name
 
     @property
     def record(self) -> NDArray[np.void]:
-        """() next record of `publish`: set its fields, as in `record["force"][:] = force`; they persist."""
+        """Record (shape ()) that `publish` writes; set its fields, as in `record["force"][:] = force`.
+
+        Fields keep their values until they are set again.
+        """
         return self._record
 
     def publish(self) -> None:
-        """Write `record` as the newest."""
+        """Write `record` to the ring as the newest record."""
         number = self._number + 1
         begin = self._begin + (number % self.depth) * self._slot
         now, buffer = time.monotonic(), self._buffer
@@ -153,17 +157,17 @@ class SharedRing:
         self._number = number
 
     def write(self, **fields: ArrayLike | str | bytes) -> None:
-        """Set these fields of the record, keep the others, and publish it."""
+        """Set these fields of `record`, keep its other fields, and publish the record."""
         for name, value in fields.items():
             field = self._record[name]
             field[...] = shortened(value, field.dtype.itemsize) if isinstance(value, str) else value
         self.publish()
 
     def latest(self) -> Newest | None:
-        """The newest record; None before the first one."""
+        """The newest record; None before the first record."""
         for _ in range(_TRIES):
             number = self._numbers[_NEWEST]
-            # A writer that laps this reader in every try leaves an older record, which is soon lapped, too.
+            # If the writer overwrites a slot while it is read, the next older record is tried.
             for one in range(number, max(number - self.depth, 0), -1):
                 found = self._slot_of(one)
                 if found is not None:
@@ -174,7 +178,7 @@ class SharedRing:
         return self._found
 
     def news(self) -> News:
-        """Records since the last call or, at first, since this object was made."""
+        """Records since the last call; in the first call, since this object was made."""
         newest = self._numbers[_NEWEST]
         first = max(self._read + 1, newest - self.depth + 1)
         found = [each.record for each in map(self._slot_of, range(first, newest + 1)) if each is not None]
@@ -183,7 +187,7 @@ class SharedRing:
         return News(np.array(found, dtype=self.layout), lost)
 
     def close(self) -> None:
-        """Release the memory; its maker removes it."""
+        """Release the memory; the process that created the ring also removes it."""
         self._numbers.release()
         self._buffer = memoryview(b"")
         self._memory.close()
@@ -199,14 +203,14 @@ class SharedRing:
 
     def __del__(self) -> None:
         if hasattr(self, "_numbers"):
-            self._numbers.release()  # else the memory could not be closed
+            self._numbers.release()  # shared memory cannot be closed while a view exists
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by name: the copy attaches in another process."""
+        """Pickle the ring's name; the unpickled object attaches to the ring."""
         return SharedRing.attach, (self.name,)
 
     def _slot_of(self, number: int) -> Newest | None:
-        """The record of this number; None if it is incomplete or overwritten."""
+        """The record of this number; None if the record is incomplete or overwritten."""
         begin = self._begin + (number % self.depth) * self._slot
         copied = bytes(self._buffer[begin : begin + _SLOT.size + self.layout.itemsize])
         found, when, check = _SLOT.unpack_from(copied)
@@ -229,7 +233,7 @@ def _bytes_of(memory: SharedMemory) -> memoryview:
 
 
 def _attached(name: str) -> SharedMemory:
-    """Attach without this process's resource tracker, which would remove the other process's memory."""
+    """Attach without Python's resource tracker, which would remove the memory of the other process."""
     if sys.version_info >= (3, 13):
         return SharedMemory(name, track=False)
     with _QUIET:

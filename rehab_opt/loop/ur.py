@@ -1,4 +1,4 @@
-"""Universal Robots' arms, through ur_rtde."""
+"""Driver of Universal Robots' arms, through ur_rtde."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["UrDriver", "connect_ur", "driver"]
 
 JOINTS = 6
 ACCELERATION = 40.0
-"""[rad/s^2] Largest value for speedj; our controllers' bounds are lower, and a lower value here would add lag."""
+"""Acceleration [rad/s^2] for speedj, its largest value; a lower one would add lag. Controllers limit acceleration."""
 BRAKE = 10.0
-"""[rad/s^2]"""
+"""Deceleration [rad/s^2] of a stop."""
 TOLD = 0.05
-"""[s] within which the packages report why a command was refused."""
+"""Longest time [s] until the robot's packages report why the robot refused a command."""
 WATCHDOG = 0.1
-"""[s]"""
+"""Default time [s] without a package after which the robot counts as lost."""
 RECIPE = [
     "timestamp", "actual_q", "actual_qd", "actual_TCP_force", "safety_status_bits", "speed_scaling",
     "target_speed_fraction",
@@ -31,19 +31,20 @@ RECIPE = [
 def connect_ur(
     host: str, *, rate_hz: float = 500.0, watchdog: float = WATCHDOG, fifo: int | None = None
 ) -> RemoteDevice:
-    """Connect to a robot in remote control, as a `Device` with joint velocity commands (`speedj`).
+    """Connect to a UR arm in remote control, as a `Device` with joint velocity commands (`speedj`).
 
-    ur_rtde runs in its own process. It starts a program on the robot that stops the robot if no data arrive.
+    ur_rtde runs in a process of its own. ur_rtde starts a program on the robot that stops the robot if no data arrive.
 
     Parameters
     ----------
-    host : address of the robot's controller. rate_hz : of the loop; the robot runs at 500 Hz, a CB3 at 125 Hz.
-    watchdog : [s] without a package after which the robot stops and counts as lost.
-    fifo : priority of that process, see `Loop`; on a busy machine it must run in time like the loop.
+    host : address of the robot's controller. rate_hz : rate of the loop [Hz]; the robot runs at 500 Hz, a CB3 at
+        125 Hz.
+    watchdog : time [s] without a package after which the robot stops and counts as lost.
+    fifo : SCHED_FIFO priority of ur_rtde's process, as for `Loop`; on a busy machine set it like the loop's.
 
     Raises
     ------
-    ConfigurationError : ur_rtde is not installed (extra `ur`). DeviceLostError : no connection to the robot.
+    ConfigurationError : ur_rtde is not installed (extra `ur`). DeviceLostError : there is no connection to the robot.
     """
     if find_spec("rtde_control") is None:
         raise ConfigurationError("host", host, "ur_rtde, which is not installed: pip install 'rehab_opt[ur]'")
@@ -59,19 +60,19 @@ def connect_ur(
 
 
 class UrDriver:
-    """A `Driver` for UR; raises DeviceLostError if the robot does not answer or is stopped."""
+    """`Driver` of a UR arm; raises DeviceLostError if the robot does not answer or is stopped."""
 
     def __init__(self, host: str, watchdog: float) -> None:
         try:
             self._receive: Any = import_module("rtde_receive").RTDEReceiveInterface(host, -1.0, RECIPE)
             self._control: Any = import_module("rtde_control").RTDEControlInterface(host)
             self._control.setWatchdog(1 / watchdog)
-        except RuntimeError as refused:  # of C++: what std::exception is in Python
+        except RuntimeError as refused:  # a C++ std::exception of ur_rtde
             raise DeviceLostError(str(refused)) from refused
         self._last = -1.0
 
     def read(self) -> Reading | None:
-        """The newest package, or None."""
+        """State in the newest package; None if there is no new package."""
         receive = self._receive
         if not receive.isConnected():
             raise DeviceLostError("the connection is closed")
@@ -79,7 +80,7 @@ class UrDriver:
         if stamp == self._last:
             return None
         self._last = stamp
-        # The program's own slowing down, times the slider of the pendant.
+        # The product of the robot's own speed scaling and of the speed slider on its pendant.
         scaling = receive.getSpeedScaling() * receive.getTargetSpeedFraction()
         return Reading(receive.getActualQ(), receive.getActualQd(), receive.getActualTCPForce()[:3], scaling)
 
@@ -99,7 +100,7 @@ class UrDriver:
             raise DeviceLostError(self._why())
 
     def close(self) -> None:
-        """Brake and end the program on the robot."""
+        """Brake to rest and end the program on the robot."""
         if self._receive.isConnected() and self._control.isConnected():
             self._control.speedStop(BRAKE)
             self._control.stopScript()
@@ -118,4 +119,4 @@ class UrDriver:
 
 
 driver = UrDriver
-"""Entry point of the driver's process."""
+"""Driver class that the driver's process loads."""

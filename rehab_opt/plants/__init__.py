@@ -1,1 +1,1 @@
-"""Simulated robots: ideal joints, and MuJoCo arms with servos, delays, noise and contact."""
+"""Plants, that is simulated robots: ideal joints, and MuJoCo arms with servos, delays, noise and contact."""

@@ -1,4 +1,4 @@
-"""Dynamics of serial arms and of a point mass: masses, motors, friction, torque limits."""
+"""Dynamics of serial arms and of a point mass: masses, rotors, friction and torque limits."""
 
 from __future__ import annotations
 
@@ -20,26 +20,28 @@ __all__ = ["ArmModel", "own_arm_model", "point_mass_model", "ur5_model"]
 Array = NDArray[np.float64]
 
 FASTEST = 10.0
-"""[m/s, rad/s] Formal speed limit of a point mass's chain; the plant does not enforce it."""
+"""Speed limit [m/s] in the chain of a point mass, which requires a number; the plant does not enforce this limit."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """A chain with its dynamics. Immutable.
+    """Kinematics and dynamics of a serial arm with n joints. Immutable.
 
     Parameters
     ----------
-    chain : any serial chain.
-    bodies : masses that move with its links.
-    rotors : (n,) or scalar: inertia that motors and gears add at each joint [kg m^2; prismatic: kg].
-    torque_limit : (n,) or scalar [N m, N] largest effort of each drive.
-    coulomb, viscous : (n,) or scalar, friction of each joint [N m, N] and [N m s/rad, N s/m].
-    gravity : (3,) [m/s^2] in the base frame.
-    stops : (2, n) [rad, m] lower and upper mechanical stops, infinite for none, or None; joint limits are no stops.
+    chain : kinematics of the arm.
+    bodies : masses that are fixed to the arm's links.
+    rotors : inertia (n,) or scalar that motors and gears add at each joint [kg m^2; prismatic: kg].
+    torque_limit : largest effort (n,) or scalar of each drive [N m, N].
+    coulomb, viscous : dry friction [N m, N] and viscous friction [N m s/rad, N s/m] of each joint, (n,) or scalar.
+    gravity : gravity (3,) [m/s^2] in the base frame.
+    stops : lower and upper mechanical stops (2, n) [rad, m], infinite for none; None without stops. The chain's joint
+        limits are not stops.
 
     Raises
     ------
-    ConfigurationError : a number out of range, a body on no link, an impossible inertia, a joint that moves no mass.
+    ConfigurationError : a number is out of range, a body is on no link, an inertia is impossible, or a joint moves no
+        mass.
     """
 
     chain: SerialChain
@@ -52,7 +54,7 @@ class ArmModel:
     stops: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check and freeze every argument."""
+        """Check every argument and convert it to arrays."""
         n = self.chain.n
         for name in ("rotors", "torque_limit", "coulomb", "viscous"):
             value = per_joint(name, getattr(self, name), n)
@@ -72,22 +74,22 @@ class ArmModel:
 
 
 COULOMB_SHARE, VISCOUS_SHARE, ROTOR_SHARE = 0.04, 0.04, 0.003
-"""[1], [s], [s^2] Assumed ratios of dry friction, viscous friction and rotor inertia to the largest effort: those of
-`ur5_model`, since robot files have none."""
+"""Assumed ratios of dry friction [1], viscous friction [s] and rotor inertia [s^2] to a joint's largest effort. Robot
+files do not give these values; the ratios are those of `ur5_model`."""
 
 
 def own_arm_model(chain: SerialChain, *, payload: float = 0.0) -> ArmModel:
-    """Dynamics of a chain whose robot file has masses and efforts.
+    """Dynamics of an arm from a robot file that gives masses and efforts.
 
     Parameters
     ----------
-    payload : [kg] point mass at the tool.
+    chain : kinematics with the masses and efforts of the robot file. payload : point mass [kg] at the tool.
 
     Raises
     ------
-    ConfigurationError : the file has no masses, or lacks the effort of a joint.
+    ConfigurationError : the robot file has no masses, or lacks the effort of a joint.
     """
-    bodies = [body for body in chain.bodies if body.link]  # what no joint moves weighs on none
+    bodies = [body for body in chain.bodies if body.link]  # bodies on the fixed base load no joint
     if not bodies:
         raise ConfigurationError(
             "chain.bodies",
@@ -114,18 +116,18 @@ _SOLID = (
     ("wrist 2", 1.219, (0.0, 0.0018, 0.01634), (0.0, 0.085, 0.0), 0.06),
     ("wrist 3", 0.1879, (0.0, 0.0, -0.001159), (0.0, 0.0, 0.0305), 0.0375),
 )
-"""Name, mass [kg] and centre of mass [m] in the Denavit-Hartenberg frame after the joint: Universal Robots, "DH
-parameters for calculations of kinematics and dynamics". Then axis [m] and radius [m] of a cylinder that replaces the
-unpublished inertia; sizes from ROS-Industrial's ur_description."""
+"""Links of the UR5: name, mass [kg], centre of mass [m] in the Denavit-Hartenberg frame after the joint, axis [m] and
+radius [m] of a cylinder that replaces the unpublished inertia. Masses and centres: Universal Robots, "DH parameters for
+calculations of kinematics and dynamics"; sizes of the cylinders: ROS-Industrial's ur_description."""
 
 TORQUE_LIMIT = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
-"""[N m] Universal Robots, "Max. joint torques"."""
+"""Largest torques [N m] of the UR5's joints; source: Universal Robots, "Max. joint torques"."""
 ROTORS = (0.5, 0.5, 0.5, 0.05, 0.05, 0.05)
-"""[kg m^2] Assumption: motors and gears as seen at the joints; the vendor publishes none."""
+"""Inertia [kg m^2] of motors and gears at the joints; an assumption, since the vendor does not publish it."""
 COULOMB = (6.0, 6.0, 4.0, 1.2, 1.2, 1.0)
-"""[N m] Assumption: dry friction of strain-wave gears, a few hundredths of the largest torque."""
+"""Dry friction [N m] of strain-wave gears; an assumption, about 4 % of the largest torque."""
 VISCOUS = (6.0, 6.0, 4.0, 1.0, 1.0, 0.8)
-"""[N m s/rad] Assumption."""
+"""Viscous friction [N m s/rad]; an assumption."""
 
 
 def ur5_model(chain: SerialChain | None = None, *, payload: float = 0.0, coulomb: ArrayLike = COULOMB) -> ArmModel:
@@ -133,8 +135,8 @@ def ur5_model(chain: SerialChain | None = None, *, payload: float = 0.0, coulomb
 
     Parameters
     ----------
-    chain : made by `ur5`, with any limits, base and tool.
-    payload : [kg] point mass at the tool. coulomb : (6,) or scalar [N m] dry friction.
+    chain : chain made by `ur5`, with any limits, base and tool; by default `ur5()`.
+    payload : point mass [kg] at the tool. coulomb : dry friction (6,) or scalar [N m].
     """
     arm = ur5() if chain is None else chain
     bodies = [
@@ -161,16 +163,16 @@ def point_mass_model(
     force_limit: float = math.inf,
     stops: ArrayLike | None = None,
 ) -> ArmModel:
-    """A point mass [kg] that slides along x and y; its joint positions are those of the hand [m].
+    """A point mass that slides along x and y; its joint positions are the hand's coordinates [m].
 
     Parameters
     ----------
-    viscous, coulomb : [N s/m], [N] friction of each axis. Axes are independent, so the bound of dry friction is a
-        square.
-    force_limit : [N] of each axis. stops : (2, 2) [m] lower and upper ends of both axes, or None.
+    mass : mass [kg].
+    viscous, coulomb : viscous friction [N s/m] and dry friction [N] of each axis. The two axes are independent.
+    force_limit : largest motor force [N] of each axis. stops : lower and upper ends (2, 2) [m] of both axes, or None.
     """
     rows = (DH(0.0, -math.pi / 2, 0.0, math.pi / 2, prismatic=True), DH(0.0, 0.0, 0.0, 0.0, prismatic=True))
-    # z before the first row is x, and before the second one y.
+    # The first joint slides along the z axis of `base`, which is x; the second joint slides along y.
     base = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     axes, far = np.zeros(2), np.full(2, math.inf)
     chain = SerialChain(

@@ -1,4 +1,4 @@
-"""Channel between a controller and its robot: delay and jitter both ways, encoders and noise."""
+"""Channel between a controller and its robot: delays and jitter of commands and measurements, and sensor noise."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ __all__ = ["Channel", "Commands", "Sensors"]
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
-"""[s] Rounding of times; a smaller delay counts as arrived."""
+"""Rounding error of times [s]; a command that is due within this time has arrived."""
 SLOWEST = 10.0
-"""[s] Largest delay; a larger value means a wrong unit."""
+"""Largest accepted delay [s]; a larger value is probably in another unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Delays, jitter and noise; zero means none. All noise is normal and white, one draw per tick and joint.
+    """Delays, jitter and noise between a controller and its robot; zero means none.
 
-    A command sent at t acts from t + command_delay + a uniform draw up to command_jitter; commands keep their order. A
-    measurement received at t was read measurement_delay + a uniform draw up to measurement_jitter earlier; measurements
-    keep their order, too. Both times are exact to one physics step, and never early.
+    A command sent at time t acts from t + command_delay + u on, with u uniform in [0, command_jitter]. A measurement
+    received at t was taken at t - measurement_delay - w, with w uniform in [0, measurement_jitter]. Commands and
+    measurements keep their order. Noise is normal and white, with one draw per tick and component.
 
     Parameters
     ----------
-    command_delay, command_jitter, measurement_delay, measurement_jitter : [s]
+    command_delay, command_jitter, measurement_delay, measurement_jitter : times [s], exact to one physics step.
     position_noise, velocity_noise : standard deviations [rad, m; rad/s, m/s].
-    position_resolution : [rad, m] resolution of the encoders, 0 for none; noise is added before rounding.
-    force_noise : [N] standard deviation of each component.
+    position_resolution : resolution of the encoders [rad, m], 0 for none; noise is added before rounding.
+    force_noise : standard deviation of each force component [N].
 
     Raises
     ------
-    ConfigurationError : a negative or infinite number, or a delay above 10 s.
+    ConfigurationError : a number is negative or infinite, or a delay is above 10 s.
     """
 
     command_delay: float = 0.0
@@ -63,7 +63,7 @@ class Channel:
 
 
 class Commands:
-    """Commands that are sent and not yet acting."""
+    """Queue of commands that were sent and do not act yet."""
 
     def __init__(self, channel: Channel, rng: np.random.Generator, first: Array) -> None:
         self._delay, self._jitter, self._rng = channel.command_delay, channel.command_jitter, rng
@@ -76,7 +76,7 @@ class Commands:
         self._underway.append((time + late, command))
 
     def at(self, time: float) -> Array:
-        """The command that acts at `time` [s]; commands keep their order."""
+        """The command that acts on the robot at `time` [s]."""
         while self._underway and self._underway[0][0] <= time + ROUNDING:
             self._arrived = self._underway.popleft()[1]
         return self._arrived
@@ -90,18 +90,18 @@ class _Reading(NamedTuple):
 
 
 class Sensors:
-    """Past states until they are measured."""
+    """Queue of past states that the sensors report after the measurement delay."""
 
     def __init__(self, channel: Channel, rng: np.random.Generator) -> None:
         self._channel, self._rng = channel, rng
         self._kept: deque[_Reading] = deque()
 
     def keep(self, time: float, position: Array, velocity: Array, force: Array) -> None:
-        """Store the state at `time` [s]; the arrays must not change later."""
+        """Store the true state at `time` [s]; the caller must not change the arrays afterwards."""
         self._kept.append(_Reading(time, position, velocity, force))
 
     def read(self, time: float) -> Measurement:
-        """The measurement available at `time` [s]; the first reading until a newer one has arrived."""
+        """The newest measurement that is available at `time` [s], with noise."""
         channel, rng, kept = self._channel, self._rng, self._kept
         late = channel.measurement_delay
         if channel.measurement_jitter:

@@ -1,7 +1,7 @@
-"""Contacts of a hand.
+"""Contacts of a hand, as springs and dampers.
 
-They are springs and dampers of a stated stiffness, so that an impact's peak force follows a formula. The stiffness of
-MuJoCo's own contacts depends on its solver.
+With a known stiffness, the peak force of an impact follows from a formula; the stiffness of MuJoCo's own contacts
+depends on its solver.
 """
 
 from __future__ import annotations
@@ -21,20 +21,22 @@ Array = NDArray[np.float64]
 
 
 class Contact(Protocol):
-    """A contact that acts on the hand."""
+    """A contact that exerts a force on the hand."""
 
     def force(self, time: float, position: Array, velocity: Array) -> Array:
-        """(k,) [N] force on a hand at `position` (k,) [m] with `velocity` (k,) [m/s] at `time` [s]."""
+        """Force (k,) [N] on a hand at `position` (k,) [m] with `velocity` (k,) [m/s] at `time` [s]."""
         ...
 
 
 class Wall:
-    """A frictionless plane with the normal force stiffness * depth + damping * depth', never pulling.
+    """A frictionless plane that pushes the hand out with the force stiffness * d + damping * max(d', 0).
+
+    d [m] is the depth of the hand behind the plane; outside, where d < 0, the force is zero.
 
     Parameters
     ----------
-    point : (k,) [m] on the plane. normal : (k,) out of the wall, of any length.
-    stiffness : [N/m]. damping : [N s/m], on the way in.
+    point : point (k,) [m] on the plane. normal : direction (k,) out of the wall, of any length.
+    stiffness : stiffness [N/m]. damping : damping [N s/m] while the hand moves into the wall.
     """
 
     def __init__(self, point: ArrayLike, normal: ArrayLike, *, stiffness: float = 3e4, damping: float = 100.0) -> None:
@@ -47,15 +49,15 @@ class Wall:
         self._stiffness, self._damping = _amount("stiffness", stiffness), _amount("damping", damping)
 
     def depth(self, position: Array) -> float:
-        """[m] into the wall, negative outside."""
+        """Depth [m] of a position (k,) [m] behind the plane; negative outside."""
         return self._offset - float(self._normal @ position)
 
     def force(self, time: float, position: Array, velocity: Array) -> Array:
-        """Force out of the wall, zero outside."""
+        """Force (k,) [N] of the wall on the hand; zero outside."""
         depth = self.depth(position)
         if not depth > 0.0:
             return np.zeros(len(position))
-        sinking = max(0.0, -float(self._normal @ velocity))  # a wall that is left lets go
+        sinking = max(0.0, -float(self._normal @ velocity))  # no damping on the way out: a wall does not pull
         pushed: Array = (self._stiffness * depth + self._damping * sinking) * self._normal
         return pushed
 

@@ -1,4 +1,4 @@
-"""Drives, from commands to torques: velocity servo, position servo, hand force with or without a sensor."""
+"""Drives that turn commands into joint torques: velocity servo, position servo, hand force, hand force loop."""
 
 from __future__ import annotations
 
@@ -16,56 +16,62 @@ __all__ = ["Drive", "DriveState", "ForceLoop", "HandForce", "HandForceLoop", "Po
 Array = NDArray[np.float64]
 
 FASTEST = 1000.0
-"""[Hz] Largest bandwidth of a servo."""
+"""Largest bandwidth [Hz] of a servo."""
 
 
 class DriveState(NamedTuple):
-    """State of its own joints that a drive measures, without delay and noise."""
+    """State of the robot as a drive measures it, without delay and noise."""
 
     position: Array
     velocity: Array
     jacobian: Callable[[], Array]
-    """(3, n) Jacobian of the hand's position."""
+    """Function that returns the Jacobian (3, n) of the hand's position."""
     acceleration: Array
-    """(n,) [rad/s^2, m/s^2] in the last physics step."""
+    """Joint accelerations (n,) [rad/s^2, m/s^2] in the last physics step."""
     touch: Array
-    """(3,) [N] contact force on the hand in the last physics step."""
+    """Contact force (3,) [N] on the hand in the last physics step."""
 
 
 class Drive(Protocol):
-    """A low-level controller of the robot, in physics steps."""
+    """A low-level controller of the robot; the plant calls it in each physics step."""
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """Start at rest at `position` (n,); returns the command that holds it there.
+        """Start with the robot at rest at `position` (n,); return the command that holds the robot there.
 
         Parameters
         ----------
-        inertia : (n,) [kg m^2, kg] typical inertia of each joint.
-        limit : (n,) [N m, N] largest torque. step : [s] physics step.
+        inertia : typical inertia (n,) of each joint [kg m^2, kg].
+        limit : largest torques (n,) [N m, N]. step : duration of a physics step [s].
         """
         ...
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """(n,) [N m, N] within the limits; `feedforward` (n,) contains gravity and velocity torques."""
+        """Joint torques (n,) [N m, N] within the torque limits.
+
+        Parameters
+        ----------
+        command : input of the drive. state : measured state of the robot.
+        feedforward : gravity and velocity torques (n,) [N m, N], which the drive compensates.
+        """
         ...
 
 
 class VelocityServo:
-    """Proportional-integral loop of the joint's speed: I (w (v_c - v) + w^2/4 integral of v_c - v), torque-limited.
+    """Velocity servo with the torque I (w e + w^2/4 integral of e), where e is the velocity error of a joint.
 
-    With the joint's own inertia I both poles are at w/2, and the speed follows up to `bandwidth` (-3 dB at 1.24 w). The
-    integral is held while the torque is at its limit.
+    I is the joint's typical inertia and w the gain [rad/s]. Both closed-loop poles are at -w/2; the bandwidth (-3 dB)
+    is 1.24 w. The torque is limited; while a torque is at its limit, the integral is held.
 
     Parameters
     ----------
-    bandwidth : [Hz]
+    bandwidth : bandwidth of the joint velocity [Hz].
     """
 
     def __init__(self, bandwidth: float = 24.0) -> None:
         self._rate = 2 * math.pi * _hertz(bandwidth) / 1.2409
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """Start at rest; the command is zero velocity."""
+        """Start at rest; the returned command is zero velocity."""
         self._inertia, self._limit, self._step = inertia, limit, step
         self._summed = np.zeros(len(position))
         return np.zeros(len(position))
@@ -81,13 +87,14 @@ class VelocityServo:
 
 
 class PositionServo:
-    """Critically damped spring to the commanded position: I (w^2 (q_c - q) - 2 w v), torque-limited.
+    """Position servo with the torque I (w^2 (q_c - q) - 2 w v), a critically damped spring, within the torque limit.
 
-    Its position follows up to `bandwidth` (-3 dB at 0.64 w) with a lag of 2/w, without velocity feedforward.
+    I is the joint's typical inertia, w the natural frequency [rad/s], q_c the commanded position, q the position and v
+    the velocity. The bandwidth (-3 dB) is 0.64 w. A position that moves at constant speed is tracked with a lag of 2/w.
 
     Parameters
     ----------
-    bandwidth : [Hz]
+    bandwidth : bandwidth of the joint position [Hz].
     """
 
     def __init__(self, bandwidth: float = 24.0) -> None:
@@ -95,11 +102,11 @@ class PositionServo:
 
     @property
     def lag(self) -> float:
-        """[s] lag behind a position that moves at constant speed."""
+        """Lag [s] behind a commanded position that moves at constant speed."""
         return 2 / self._rate
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """Start at rest; the command is the position."""
+        """Start at rest; the returned command is the current position."""
         self._inertia, self._limit = inertia, limit
         return position.copy()
 
@@ -111,16 +118,18 @@ class PositionServo:
 
 
 class HandForce:
-    """A force at the hand through the transposed Jacobian, with first-order lag: lag F' = F_c - F; torque-limited.
+    """A force F at the hand through the transposed Jacobian, with the first-order lag lag F' = F_c - F.
+
+    F_c is the commanded force. The joint torques are limited.
 
     Parameters
     ----------
-    lag : [s] time constant, 0 for none.
-    axes : number of commanded force components: 2 in the plane x, y of the base frame, or 3.
+    lag : time constant [s], 0 for none.
+    axes : number of commanded force components: 2 (x and y of the base frame) or 3.
     """
 
     acting: Array
-    """(axes,) [N] acting force, if no joint is at its torque limit."""
+    """Force (axes,) [N] that acts on the hand if no joint is at its torque limit."""
 
     def __init__(self, lag: float = 0.0, *, axes: int = 2) -> None:
         if not 0.0 <= lag < math.inf:
@@ -131,7 +140,7 @@ class HandForce:
         self.acting = np.zeros(axes)
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """No force."""
+        """Start at rest; the returned command is zero force."""
         self._limit = limit
         self._keep = math.exp(-step / self._lag) if self._lag else 0.0
         self.acting = np.zeros(self._axes)
@@ -145,11 +154,14 @@ class HandForce:
 
 
 class ForceLoop:
-    """u = F + gain e + integral * int e, with e = F - measured force; the integral is held while u is at its limit.
+    """Force loop of two axes: motor force u = F + gain e + integral * int e dt, with e = F - measured force.
+
+    F is the commanded force. While u is at its limit, the integral is held.
 
     Parameters
     ----------
-    gain, integral : [1], [1/s]. limit : [N] of the motors. step : [s] between two calls for an axis.
+    gain, integral : gains of the loop [1], [1/s]. limit : largest motor force [N].
+    step : time between two calls for the same axis [s].
     """
 
     __slots__ = ("_gain", "_integral", "_limit", "_summed")
@@ -159,7 +171,7 @@ class ForceLoop:
         self._summed = [0.0, 0.0]
 
     def motor(self, axis: int, error: float, force: float) -> float:
-        """[N] motor force of `axis`, 0 or 1."""
+        """Motor force [N] of `axis` (0 or 1) for an `error` e [N] and a commanded `force` F [N]."""
         summed = self._summed[axis] + self._integral * error
         motor = force + self._gain * error + summed
         if -self._limit <= motor <= self._limit:
@@ -169,21 +181,22 @@ class ForceLoop:
 
 
 class HandForceLoop:
-    """A point mass on two axes with measured and controlled force on the hand: `ForceLoop`, then a lag.
+    """Drive of a planar robot that measures and controls its force on the hand: a `ForceLoop`, then a lag.
 
-    The sensor is between robot and hand and measures held_mass * a - touch.
+    The force sensor between robot and hand measures held_mass * a - touch, with the hand's acceleration a and the
+    contact force `touch` on the hand.
 
     Parameters
     ----------
-    gain, integral : [1], [1/s] of the loop. limit : [N] of the motors, per axis. held_mass : [kg] of the hand.
-    lag : [s] time constant of the motors' force, 0 for none. noise : [N] of the sensor, per axis.
-    rng : random generator of the noise.
+    gain, integral : gains of the loop [1], [1/s]. limit : largest motor force per axis [N].
+    held_mass : mass of the hand [kg]. lag : time constant of the motor force [s], 0 for none.
+    noise : standard deviation of the force sensor per axis [N]. rng : random generator of the noise.
     """
 
     acting: Array
-    """(2,) [N] current motor force."""
+    """Current motor force (2,) [N]."""
     measured: Array
-    """(2,) [N] measured force on the hand."""
+    """Measured force (2,) [N] on the hand."""
 
     def __init__(
         self,
@@ -200,14 +213,14 @@ class HandForceLoop:
         self._force = HandForce(lag)
 
     def start(self, position: Array, inertia: Array, limit: Array, step: float) -> Array:
-        """No force."""
+        """Start at rest; the returned command is zero force."""
         self._loop = ForceLoop(*self._gains, step=step)
         still = self._force.start(position, inertia, limit, step)
         self.acting, self.measured = self._force.acting, np.zeros(2)
         return still
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Motor force (2,) [N] for a commanded force on the hand (2,) [N]."""
+        """Motor force (2,) [N] for a commanded force (2,) [N] on the hand."""
         self.measured = self._held * state.acceleration - state.touch[:2]
         if self._noise:
             self.measured = self.measured + self._noise * self._rng.standard_normal(2)

@@ -1,4 +1,4 @@
-"""A simulated planar robot with a proportional-integral loop of its force on the hand."""
+"""A simulated planar robot with a proportional-integral loop of the force on the hand."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from rehab_opt.plants.drives import ForceLoop
 __all__ = ["ForceRobot", "RobotModel"]
 
 SMOOTH = 2e-3
-"""[m/s] Speed below which dry friction is smoothed to zero."""
+"""Speed [m/s] below which dry friction falls smoothly to zero."""
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Parameters of a planar robot, its force loop and its stops.
+    """Parameters of a planar robot, its force loop and its mechanical stops.
 
-    The motors give u = F + gain e + integral * int e, with e = F - measured force on the hand; robot and hand move
-    together, (m_robot + m_hand) a = u - friction + force of the person. All numbers are assumptions, because the paper
-    publishes none.
+    For a commanded force F, the motor force is u = F + gain e + integral * int e dt, with e = F - measured force on the
+    hand. Robot and hand move together: (m_robot + m_hand) a = u - friction + force of the person. The default numbers
+    are assumptions, because the paper does not publish them.
 
     Parameters
     ----------
-    mass : [kg] effective mass at the handle. viscous : [N s/m]. coulomb : [N] dry friction.
-    gain, integral : [1], [1/s] of the force loop; gain + integral dt / 2 must be below (m_robot + m_hand) / m_hand,
-        because the measured force is one tick old.
-    noise : [N] standard deviation of the force sensor, per axis.
-    motor_limit : [N] per axis.
-    lower, upper : (2,) [m] mechanical stops in the robot's frame.
+    mass : effective mass m_robot at the handle [kg]. viscous : viscous friction [N s/m]. coulomb : dry friction [N].
+    gain, integral : gains of the force loop [1], [1/s]. Since the measured force is one tick (dt) old, the loop is
+        stable only if gain + integral dt / 2 < (m_robot + m_hand) / m_hand.
+    noise : standard deviation of the force sensor per axis [N].
+    motor_limit : largest motor force per axis [N].
+    lower, upper : mechanical stops (2,) [m] in the robot's frame.
     """
 
     mass: float = 1.5
@@ -45,7 +45,7 @@ class RobotModel:
     upper: tuple[float, float] = (math.inf, math.inf)
 
     def check(self, hand_mass: float, *, dt: float) -> None:
-        """Raise an error for a loop that is unstable with this hand in ticks of `dt` [s].
+        """Check that the force loop is stable with a hand of `hand_mass` [kg] and ticks of `dt` [s].
 
         Raises
         ------
@@ -58,12 +58,16 @@ class RobotModel:
             raise ConfigurationError("gain", self.gain, expected)
 
     def growth(self, hand_mass: float, *, stiffness: float, damping: float, dt: float) -> float:
-        """Growth factor per tick of the fastest growing mode, with the hand on a spring and a damper; 1 for none.
+        """Spectral radius of the loop of one axis per tick, with the hand on a spring and a damper.
 
-        It is for one axis without command, within the motors' limit and without dry friction.
+        The command is zero; the motor limit and dry friction are neglected.
+
+        Parameters
+        ----------
+        hand_mass : mass of the hand [kg]. stiffness, damping : of the person's arm [N/m], [N s/m]. dt : tick [s].
         """
         whole = self.mass + hand_mass
-        # Rows of place, speed, measured force, integral: first the acceleration, from which they follow.
+        # The state is position, speed, measured force, integral; each row below maps the state to one quantity.
         summed = np.array([0.0, 0.0, -self.integral * dt, 1.0])
         push = np.array([-stiffness, -damping, 0.0, 0.0])
         motor = summed - self.gain * np.array([0.0, 0.0, 1.0, 0.0])
@@ -75,16 +79,17 @@ class RobotModel:
 
 
 class ForceRobot:
-    """The robot with a hand on its handle, simulated tick by tick.
+    """The robot of a `RobotModel` with a hand on its handle, simulated tick by tick.
 
     Parameters
     ----------
-    model : the robot. hand_mass : [kg] of the hand and arm.
-    start : (2,) [m] at rest. dt : [s] of a tick. rng : random generator of the noise. ticks : largest number.
+    model : parameters of the robot. hand_mass : effective mass of hand and arm [kg].
+    start : position (2,) [m] at the start, at rest. dt : duration of a tick [s].
+    rng : random generator of the noise. ticks : largest number of ticks.
 
     Raises
     ------
-    ConfigurationError : see `RobotModel.check`.
+    ConfigurationError : the force loop is unstable, as checked by `RobotModel.check`.
     """
 
     __slots__ = (
@@ -113,21 +118,21 @@ class ForceRobot:
 
     @property
     def seen(self) -> tuple[float, float]:
-        """[m] measured position of the hand, here the true one."""
+        """Measured position (x, y) [m] of the hand, here the true position."""
         return self.x, self.y
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
-        """One tick with the commanded force [N] and the person's force person_x, person_y [N] on the handle.
+        """Simulate one tick with the commanded force [N] and the person's force person_x, person_y [N] on the handle.
 
-        Afterwards x, y, vx, vy are the new state, measured_x, measured_y the force on the hand in this tick, and
-        `acting` the motor force.
+        x, y, vx, vy become the new state, measured_x, measured_y the measured force on the hand, `acting` the motor
+        force.
         """
         model, dt = self._model, self._dt
         noise_x, noise_y = self._noise[self._tick]
         self._tick += 1
         whole = model.mass + self._hand_mass
         dry = model.coulomb / math.sqrt(self.vx * self.vx + self.vy * self.vy + SMOOTH * SMOOTH)
-        # Friction stops within a tick what it can stop; more would turn the hand round, for ever.
+        # Dry friction may stop the hand within a tick, but not reverse its velocity.
         slip = model.viscous + max(0.0, min(dry, whole / dt - model.viscous))
 
         motor_x = self._loop.motor(0, force_x - self.measured_x, force_x)

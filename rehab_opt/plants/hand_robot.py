@@ -1,4 +1,4 @@
-"""A planar robot that holds a hand: its interface, and a simulation in MuJoCo."""
+"""A planar robot with a hand on its handle: the interface, and a simulation in MuJoCo."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ class HandRobot(Protocol):
     vy: float
     measured_x: float
     measured_y: float
-    """[N] measured force on the hand in the last tick."""
+    """Measured force (measured_x, measured_y) [N] on the hand in the last tick."""
 
     @property
     def seen(self) -> tuple[float, float]:
-        """[m] where the controller sees the hand."""
+        """Measured position (x, y) [m] of the hand, the controller's input."""
         ...
 
     @property
     def acting(self) -> tuple[float, float]:
-        """[N] motor force in the last tick, or at its end if the physics has smaller steps."""
+        """Motor force (x, y) [N] at the end of the last tick."""
         ...
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
-        """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N]."""
+        """Simulate one tick with the commanded force and the force person_x, person_y of the person on the handle [N]."""
         ...
 
 
 class MakesRobots(Protocol):
-    """Factory of robots of one kind."""
+    """Factory that makes robots with the same parameters."""
 
     @property
     def model(self) -> RobotModel:
@@ -52,49 +52,52 @@ class MakesRobots(Protocol):
     def robot(
         self, *, hand_mass: float, start: tuple[float, float], dt: float, rng: np.random.Generator, ticks: int
     ) -> HandRobot:
-        """A robot at rest with a hand of `hand_mass` [kg] at `start` [m], for at most `ticks` ticks of `dt` [s]."""
+        """Make a robot at rest with a hand of `hand_mass` [kg] at `start` [m], for at most `ticks` ticks of `dt` [s].
+
+        `rng` is the random generator of the sensor noise.
+        """
         ...
 
 
 class WithoutDelay(NamedTuple):
-    """`ForceRobot`: no delay of the motors, and the true position of the hand is measured."""
+    """Factory of `ForceRobot`: the motors have no lag, and the measured position is the true one."""
 
     model: RobotModel
 
     def robot(
         self, *, hand_mass: float, start: tuple[float, float], dt: float, rng: np.random.Generator, ticks: int
     ) -> HandRobot:
-        """A `ForceRobot`."""
+        """Make a `ForceRobot`."""
         return ForceRobot(self.model, hand_mass=hand_mass, start=start, dt=dt, rng=rng, ticks=ticks)
 
 
 class OnMujoco(NamedTuple):
-    """`MujocoHandRobot`: with delay, noise, and a lag of the motor force."""
+    """Factory of `MujocoHandRobot`: with delays, noise, and a lag of the motor force."""
 
     model: RobotModel
     channel: Channel
     lag: float
-    """[s] time constant of the motor force."""
+    """Time constant [s] of the motor force."""
     physics_step: float
-    """[s]"""
+    """Largest duration [s] of a physics step."""
     seed: int
 
     def robot(
         self, *, hand_mass: float, start: tuple[float, float], dt: float, rng: np.random.Generator, ticks: int
     ) -> HandRobot:
-        """A `MujocoHandRobot`; its noise depends on `seed` and on the trial's generator."""
+        """Make a `MujocoHandRobot`; its noise depends on `seed` and on the random generator `rng`."""
         return MujocoHandRobot(self, hand_mass=hand_mass, start=start, dt=dt, rng=rng)
 
 
 class MujocoHandRobot:
-    """The robot of `RobotModel` as a mass on two axes in MuJoCo, with its force loop in physics steps.
+    """The robot of a `RobotModel` as a mass on two axes in MuJoCo; its force loop runs in each physics step.
 
-    Dry friction acts on each axis separately; the mechanical stops are MuJoCo's, slightly soft.
+    Dry friction acts on each axis separately. The mechanical stops are slightly soft, as MuJoCo simulates them.
 
     Parameters
     ----------
     kind : parameters of the robot and of the channel.
-    hand_mass, start, dt, rng : see `MakesRobots`.
+    hand_mass, start, dt, rng : as in `MakesRobots.robot`.
     """
 
     def __init__(
@@ -120,18 +123,18 @@ class MujocoHandRobot:
 
     @property
     def seen(self) -> tuple[float, float]:
-        """[m] where the controller sees the hand."""
+        """Measured position (x, y) [m] of the hand, the controller's input."""
         x, y = self._plant.measured.position.tolist()
         return x, y
 
     @property
     def acting(self) -> tuple[float, float]:
-        """[N] motor force at the end of the last tick."""
+        """Motor force (x, y) [N] at the end of the last tick."""
         x, y = self._drive.acting.tolist()
         return x, y
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
-        """One tick under the commanded force [N], with a person who pushes the handle with person_x, person_y [N]."""
+        """Simulate one tick with the commanded force and the force person_x, person_y of the person on the handle [N]."""
         self._plant.step((force_x, force_y), (person_x, person_y, 0.0))
         self._show()
 

@@ -1,4 +1,4 @@
-"""Joints that move exactly as commanded, without delay; the library's guarantees assume them."""
+"""Simulated joints that move exactly as commanded, without delay."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ Array = NDArray[np.float64]
 
 
 class IdealJoints:
-    """q(t + dt) = q(t) + command dt, measured without delay and noise; external forces have no effect.
+    """A `Plant` whose joints follow q(t + dt) = q(t) + command * dt exactly, measured without delay and noise.
+
+    External forces do not move the joints.
 
     Parameters
     ----------
-    dt : [s] of a tick.
+    dt : duration of a tick [s].
     """
 
     def __init__(self, dt: float) -> None:
@@ -29,7 +31,7 @@ class IdealJoints:
 
     @property
     def measured(self) -> Measurement:
-        """The truth."""
+        """The true state as a measurement."""
         return Measurement(self._tick * self.dt, self._position, self._velocity, self._push)
 
     @property
@@ -46,7 +48,10 @@ class IdealJoints:
         return self.measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick at the velocities `command` (n,) [rad/s, m/s]; a push changes only the measured force."""
+        """Simulate one tick at the velocities `command` (n,) [rad/s, m/s].
+
+        The force `push` (3,) [N] on the hand changes only the measured force.
+        """
         self._velocity = np.asarray(command, dtype=np.float64)
         self._push = np.zeros(3) if push is None else np.array(push, dtype=np.float64)
         self._position = self._position + self._velocity * self.dt

@@ -1,4 +1,4 @@
-"""A person's intended motion in a trial: positions by time, or by the person's progress along the path."""
+"""A person's intended motion in a trial: positions by time, or by progress along a path."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Intention:
-    """An intended motion, tick by tick.
+    """The motion of the hand that a person intends, in N ticks.
 
     Attributes
     ----------
-    places, velocities : (N, 2) [m], [m/s].
-    goal : (N,) index of the current one of `goals`.
-    goals : (M, 2) [m] points to reach or to hold.
-    active : (N,) ticks that count, in which a goal is held, not approached.
+    places, velocities : intended positions and velocities (N, 2) [m], [m/s].
+    goal : index (N,) in `goals` of the current goal.
+    goals : points (M, 2) [m] to reach or to hold.
+    active : whether each tick (N,) counts in the scores; ticks on the way to a goal that is then held do not.
     """
 
     places: Array
@@ -40,7 +40,7 @@ def minimum_jerk(fraction: ArrayLike) -> Array:
 
 
 def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
-    """A minimum-jerk motion along a path (M, 2) [m] to its end, then rest there for `rest` [s]."""
+    """A minimum-jerk motion along a path (M, 2) [m] in `seconds`, then rest at the path's end for `rest` [s]."""
     time = dt * np.arange(math.ceil((seconds + rest) / dt))
     travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     along = travelled[-1] * minimum_jerk(time / seconds)
@@ -50,7 +50,7 @@ def reached(path: Array, *, seconds: float, rest: float, dt: float) -> Intention
 
 
 def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
-    """A motion along samples (M, 2) [m] at equal times within `seconds`, then rest at the last."""
+    """A motion through equally timed samples (M, 2) [m] in `seconds`, then rest at the last sample for `rest` [s]."""
     time = dt * np.arange(math.ceil((seconds + rest) / dt))
     at = np.linspace(0.0, seconds, len(path))
     places = np.column_stack([np.interp(time, at, path[:, axis]) for axis in (0, 1)])
@@ -59,9 +59,9 @@ def traced(path: Array, *, seconds: float, rest: float, dt: float) -> Intention:
 
 
 def held(points: Array, *, move: float, dwell: float, dt: float) -> Intention:
-    """Minimum-jerk motions of `move` [s] from point to point (M, 2) [m], each held for `dwell` [s].
+    """Minimum-jerk motions of `move` [s] between the points (M, 2) [m]; the hand rests `dwell` [s] at each point.
 
-    It begins at the first. A point counts from the time at which the hand should be there.
+    The motion begins at the first point. Only ticks of rest are `active`.
     """
     moving, holding = math.ceil(move / dt), math.ceil(dwell / dt)
     way = minimum_jerk(np.arange(1, moving + 1) / moving)[:, None]
@@ -81,7 +81,7 @@ def held(points: Array, *, move: float, dwell: float, dt: float) -> Intention:
 
 
 def nearest_next(points: Array) -> Array:
-    """Points (M, 2) sorted so that each is followed by the nearest unvisited one; the first stays."""
+    """Points (M, 2) sorted so that the nearest remaining point follows each point; the first point stays first."""
     left = list(range(1, len(points)))
     order = [0]
     while left:
@@ -96,29 +96,30 @@ def _velocities(places: Array, dt: float) -> Array:
 
 Aims = Literal["clock", "path"]
 AIMS: tuple[Aims, ...] = get_args(Aims)
-"""With "clock" the person aims at the position for the current time, however far the hand is behind. With "path" the
-person moves along the path at the same pace, but stays within a distance ahead of the hand."""
+"""With "clock", the person intends the position for the current time, however far the hand lags behind. With "path",
+the intended position moves at the same speed but waits when it is too far ahead of the hand on the path."""
 LONGER = 2
-"""Largest duration of a trial whose person waits for the hand, as a multiple of the intention."""
+"""Largest duration of a trial with "path", as a multiple of the intention's duration."""
 SIGHT = 0.01
-"""[m] of the path ahead in which the nearest point to the hand is searched; it never goes back."""
+"""Length [m] of the path ahead of the hand's last progress in which the point nearest to the hand is searched."""
 STEP = 5e-4
-"""[m] spacing of path points in this search."""
+"""Spacing [m] of the path points among which the point nearest to the hand is searched."""
 
 
 class Pace:
-    """Progress of an intention during a trial.
+    """A person's progress through an intention during a trial.
 
     Parameters
     ----------
-    intention : tick by tick. aims : see `AIMS`. ahead : [m] of the path at most, for "path".
+    intention : the intended motion. aims : "clock" or "path", as explained at `AIMS`.
+    ahead : with "path", largest distance [m] on the path of the intended position ahead of the hand.
     """
 
     def __init__(self, intention: Intention, aims: Aims, *, ahead: float) -> None:
         self._last = len(intention.places) - 1
         self._waits, self._ahead = aims == "path", ahead
         self.ticks = (LONGER if self._waits else 1) * len(intention.places)
-        """[ticks] Largest length of a trial."""
+        """Largest number of ticks of a trial."""
         steps = np.linalg.norm(np.diff(intention.places, axis=0), axis=1)
         travelled = np.concatenate(([0.0], np.cumsum(steps)))
         self._arc: list[float] = travelled.tolist()
@@ -137,7 +138,7 @@ class Pace:
         return self._tick >= self._last
 
     def meant(self, x: float, y: float) -> tuple[int, bool]:
-        """The intention's current tick for a hand at x, y [m], and whether the person moves on."""
+        """Current tick of the intention for a hand at x, y [m], and whether the intended position moves on."""
         if not self._waits:
             self._tick += 1
             return min(self._tick - 1, self._last), True

@@ -1,4 +1,4 @@
-"""A serial arm as an MJCF model: each frame of the chain is a body, the tool a site."""
+"""MJCF model of a serial arm: each frame of the chain is a body, and the tool is a site."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ __all__ = ["HAND", "arm_mjcf", "row_pose"]
 Array = NDArray[np.float64]
 
 HAND = "hand"
-"""Name of the tool's site."""
+"""Name of the tool's site in the MJCF model."""
 FAR = 1e6
-"""[rad, m] Stops beyond this count as none."""
+"""Position [rad, m] that replaces an infinite mechanical stop."""
 NEGLIGIBLE = 1e-9
-"""[kg, kg m^2] Mass and inertia of a massless link, as MuJoCo requires; rotors and other links give the joint its
-inertia."""
+"""Mass [kg] and inertia [kg m^2] of a massless link, because MuJoCo requires nonzero numbers."""
 
 
 def arm_mjcf(model: ArmModel, *, step: float) -> str:
-    """MJCF model of an arm without geometry: no collisions; the plant computes contacts itself.
+    """MJCF text of an arm without geometry, so that MuJoCo detects no collisions.
 
     Parameters
     ----------
-    step : [s] physics step.
+    model : kinematics and dynamics of the arm. step : duration of a physics step [s].
     """
     chain = model.chain
     opened: list[str] = []
@@ -38,7 +37,7 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
         row = chain.rows[i]
         here = row_pose(row, 0.0)
         place = placed @ here
-        # The frame before the joint, seen from the one behind it: about its z the joint turns.
+        # Pose of the frame before the joint, in the frame after it; the joint moves about or along its z axis.
         back = np.asarray(np.linalg.inv(here), dtype=np.float64)
         kind = "slide" if row.prismatic else "hinge"
         opened.append(
@@ -60,7 +59,7 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
 
 
 def row_pose(row: ChainRow, value: float) -> Array:
-    """(4, 4) pose of the frame after a row of a chain, in the frame before it, at a joint value [rad, m]."""
+    """Pose (4, 4) of the frame after a chain's row, in the frame before that row, for a joint position [rad, m]."""
     joint = np.eye(4)
     if row.prismatic:
         joint[2, 3] = value
@@ -78,7 +77,7 @@ def _stops(model: ArmModel, joint: int) -> str:
 
 
 def _inertial(bodies: Sequence[Body]) -> str:
-    """Several masses on one link combined into one."""
+    """MJCF element of the combined mass, centre of mass and inertia of several bodies on one link."""
     mass = sum(body.mass for body in bodies)
     if not mass > 0.0:
         return (
@@ -98,7 +97,7 @@ def _pose(pose: Array) -> str:
 
 
 def _quaternion(rotation: Array) -> Array:
-    """Quaternion (w, x, y, z) of a rotation (3, 3), by an eigenvector, so that rounding hardly matters."""
+    """Quaternion (w, x, y, z) of a rotation (3, 3), as an eigenvector, which is insensitive to rounding."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     matrix = np.array(
         [

@@ -1,4 +1,4 @@
-"""An arm with servos in MuJoCo, with mass, friction and delays."""
+"""A serial arm in MuJoCo, with servos, mass, friction and delays."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ __all__ = ["MujocoArm", "mujoco_module"]
 Array = NDArray[np.float64]
 
 POSTURES = 64
-"""Number of random (always equal) postures; the drives are tuned to the mean inertia of each joint over them."""
+"""Number of random postures, with a fixed seed, over which the mean inertia of each joint is computed for its drive."""
 
 
 class MujocoArm(SampledPlant):
-    """A serial arm with a drive in each joint, in MuJoCo; a `Plant`.
+    """A serial arm with a drive in each joint, simulated in MuJoCo; a `Plant`.
 
-    The drives compensate gravity and velocity torques of the arm exactly, as a vendor's do. They do not compensate
-    contacts, friction, coupled inertia and torque limits. Links do not collide, and joints have only the model's stops;
-    the controller must keep the joint limits. Contacts act on the hand, a point.
+    The drives compensate the arm's gravity and velocity torques exactly, but not contacts, friction and coupled
+    inertia. Links do not collide, and joints stop only at the model's mechanical stops, not at joint limits. Contacts
+    act on the hand, which is a point.
 
     Parameters
     ----------
-    model : the arm. dt : [s] of a tick.
-    drive : `VelocityServo` by default.
-    contacts : of the hand, in the base frame, (3,).
-    channel, seed, physics_step : see `SampledPlant`.
+    model : kinematics and dynamics of the arm. dt : duration of a tick [s].
+    drive : drive of the joints, by default a `VelocityServo`.
+    contacts : contacts of the hand, in the base frame.
+    channel, seed, physics_step : as for `SampledPlant`.
 
     Raises
     ------
-    ConfigurationError : MuJoCo is not installed; a number out of range.
+    ConfigurationError : MuJoCo is not installed, or a number is out of range.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class MujocoArm(SampledPlant):
 
     @property
     def energy(self) -> float:
-        """[J] kinetic and potential energy of the arm."""
+        """Sum of the arm's kinetic and potential energy [J]."""
         mujoco, data = self._mujoco, self._data
         mujoco.mj_forward(self._arm, data)
         momentum = np.zeros(self.n)
@@ -91,7 +91,7 @@ class MujocoArm(SampledPlant):
 
     @property
     def hand_pose(self) -> Array:
-        """(4, 4) pose of the tool in the base frame, by MuJoCo's kinematics."""
+        """Pose (4, 4) of the tool in the base frame, computed by MuJoCo."""
         self._mujoco.mj_kinematics(self._arm, self._data)
         pose = np.eye(4)
         pose[:3, :3] = self._data.site_xmat[self._hand].reshape(3, 3)
@@ -99,17 +99,17 @@ class MujocoArm(SampledPlant):
         return pose
 
     def inertia(self, position: ArrayLike) -> Array:
-        """(n, n) [kg m^2, kg] inertia matrix of the arm with its rotors at `position` (n,)."""
+        """Inertia matrix (n, n) [kg m^2, kg] of the arm with its rotors at the joint positions `position` (n,)."""
         mujoco, data = self._mujoco, self._mujoco.MjData(self._arm)
         data.qpos[:] = position
         mujoco.mj_forward(self._arm, data)
         full = np.zeros((self.n, self.n))
-        for row, one in zip(full, np.eye(self.n), strict=True):  # `mj_fullM` takes others from one version to the next
+        for row, one in zip(full, np.eye(self.n), strict=True):  # arguments of `mj_fullM` differ between versions
             mujoco.mj_mulM(self._arm, data, row, one)
         return full
 
     def feedforward(self) -> Array:
-        """(n,) [N m, N] current gravity and velocity torques, which the drives compensate."""
+        """Current gravity and velocity torques (n,) [N m, N], which the drives compensate."""
         self._mujoco.mj_forward(self._arm, self._data)
         return np.asarray(self._data.qfrc_bias.copy())
 
@@ -141,12 +141,15 @@ class MujocoArm(SampledPlant):
         return self._data.qpos.copy(), self._data.qvel.copy(), self._force
 
     def _moves(self) -> Array:
-        """(3, n) Jacobian of the hand's position."""
+        """Jacobian (3, n) of the hand's position."""
         self._mujoco.mj_jacSite(self._arm, self._data, self._jacobian, None, self._hand)
         return self._jacobian
 
     def _typical_inertia(self) -> Array:
-        """(n,) mean inertia over postures; joints without limits are drawn over one turn, or one metre."""
+        """Mean inertia (n,) [kg m^2, kg] of each joint over random postures within the joint limits.
+
+        A missing lower or upper limit counts as -pi or pi [rad, m].
+        """
         chain, rng = self.model.chain, np.random.default_rng(0)
         lower = np.where(np.isfinite(chain.lower), chain.lower, -math.pi)
         upper = np.where(np.isfinite(chain.upper), chain.upper, math.pi)
@@ -155,7 +158,7 @@ class MujocoArm(SampledPlant):
 
 
 def mujoco_module() -> Any:
-    """The module `mujoco`.
+    """Import the module `mujoco`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Interface of plants: robots that take a command each tick and return measurements, with the truth apart."""
+"""Interface of plants: robots that take a command in each tick and return measurements and a separate true state."""
 
 from __future__ import annotations
 
@@ -13,64 +13,64 @@ Array = NDArray[np.float64]
 
 
 class Measurement(NamedTuple):
-    """Sensor values and their time stamp, the input of a controller."""
+    """Sensor values with a time stamp; input of a controller."""
 
     stamp: float
-    """[s] when the sensors were read, on the plant's clock; earlier than now by the measurement delay."""
+    """Time [s] at which the sensors were read, on the plant's clock."""
     position: Array
-    """(n,) [rad, m]"""
+    """Joint positions (n,) [rad, m]."""
     velocity: Array
-    """(n,) [rad/s, m/s]"""
+    """Joint velocities (n,) [rad/s, m/s]."""
     force: Array
-    """(3,) or (2,) [N] on the hand by whatever touches it, in the base frame."""
+    """Contact force (3,) or (2,) [N] on the hand, in the base frame."""
 
 
 class Truth(NamedTuple):
-    """The true state, which no controller gets."""
+    """True state of a plant; controllers do not get it."""
 
     time: float
-    """[s] now."""
+    """Current time [s] on the plant's clock."""
     position: Array
-    """(n,) [rad, m]"""
+    """Joint positions (n,) [rad, m]."""
     velocity: Array
-    """(n,) [rad/s, m/s]"""
+    """Joint velocities (n,) [rad/s, m/s]."""
     effort: Array
-    """(n,) effort of the drives before friction [N m, N]; zero in a plant without masses."""
+    """Efforts (n,) [N m, N] of the drives before friction; zero in a plant without masses."""
     force: Array
-    """(3,) or (2,) [N] on the hand by whatever touches it, in the base frame."""
+    """Contact force (3,) or (2,) [N] on the hand, in the base frame."""
 
 
 class Plant(Protocol):
-    """A robot in closed loop. One call of `step` is one tick of `dt`.
+    """A robot in closed loop; each call of `step` is one tick of `dt`.
 
-    The command of a tick is sent at its beginning; delays and effects are inside the plant. One loop serves all plants;
-    the plant's drive takes velocities, positions or forces.
+    A plant sends a tick's command at the beginning of the tick and simulates all delays. The plant's drive takes joint
+    velocities, joint positions or a force.
     """
 
     dt: float
-    """[s] of a tick."""
+    """Duration of a tick [s]."""
 
     @property
     def measured(self) -> Measurement:
-        """The latest measurement."""
+        """The newest measurement."""
         ...
 
     @property
     def truth(self) -> Truth:
-        """The true state now."""
+        """The current true state."""
         ...
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Reset to rest at `position` (n,), time zero, empty channels; returns the measurement."""
+        """Reset the robot to rest at `position` (n,) and the time to zero; return the measurement."""
         ...
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick under `command`; returns the measurement at its end.
+        """Run one tick with `command`; return the measurement at the tick's end.
 
         Parameters
         ----------
         command : input of the drive: joint velocities [rad/s, m/s], joint positions [rad, m] or a force [N].
-        push : (3,) or (2,) [N] additional force on the hand during the tick, in the base frame.
+        push : additional force (3,) or (2,) [N] on the hand during the tick, in the base frame.
         """
         ...
 
@@ -78,13 +78,13 @@ class Plant(Protocol):
 class Device(Plant, Protocol):
     """A physical robot as a `Plant`; `step` sends the command and returns at once.
 
-    `measured` is the last received state; its stamp and `truth.time` are on the clock of `time.monotonic`. `truth`
-    repeats the measurement. All methods raise `DeviceLostError` if the device is gone. `reset` moves nothing; it
-    refuses a position other than the device's.
+    `measured` is the last received state, and `truth` repeats it; both use the clock of `time.monotonic`. `reset` does
+    not move the robot; it raises an error if the robot is not at the given position. If the device is lost, all methods
+    raise `DeviceLostError`.
     """
 
     def stop(self) -> None:
-        """Make the device brake by its own means; no error if it is gone."""
+        """Stop the device with its own stop function; a lost device raises no error here."""
         ...
 
     def close(self) -> None:
@@ -93,10 +93,10 @@ class Device(Plant, Protocol):
 
 
 class PositionStream:
-    """Integrates velocities to a position reference and streams it to a position-controlled plant; a `Plant`.
+    """Integrates commanded velocities to positions and sends them to a position-controlled plant; a `Plant`.
 
-    The reference starts at the reset position and ignores the sensors afterwards, as industrial position interfaces
-    expect. It runs away from a blocked joint.
+    The integrated positions start at the reset position and ignore the sensors, as industrial position interfaces
+    expect. If a joint is blocked, its commanded position therefore moves ever further away.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class PositionStream:
     """
 
     reference: Array
-    """(n,) [rad, m] last streamed position."""
+    """Last commanded joint positions (n,) [rad, m]."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant, self.dt = plant, plant.dt
@@ -112,20 +112,20 @@ class PositionStream:
 
     @property
     def measured(self) -> Measurement:
-        """The plant's."""
+        """Measurement of the position-controlled plant."""
         return self._plant.measured
 
     @property
     def truth(self) -> Truth:
-        """The plant's."""
+        """True state of the position-controlled plant."""
         return self._plant.truth
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Reset plant and reference to rest at `position` (n,)."""
+        """Reset the plant and the commanded positions to rest at `position` (n,)."""
         self.reference = np.array(position, dtype=np.float64)
         return self._plant.reset(position)
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick at the velocities `command` (n,) [rad/s, m/s]."""
+        """Run one tick at the velocities `command` (n,) [rad/s, m/s]."""
         self.reference = self.reference + np.asarray(command, dtype=np.float64) * self.dt
         return self._plant.step(self.reference, push)

@@ -1,4 +1,4 @@
-"""A robot simulated in physics steps, behind a channel that is sampled in ticks."""
+"""Base class of plants that simulate several physics steps per tick, with delays and noise."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class SampledPlant(ABC):
 
     Parameters
     ----------
-    n : number of positions. dt : [s] of a tick.
+    n : number of positions. dt : duration of a tick [s].
     channel : delays and noise; none by default.
-    seed : of all random numbers, or their generator.
-    physics_step : [s] largest physics step; a tick has a whole number of steps.
+    seed : seed of all random numbers, or a random generator.
+    physics_step : largest duration of a physics step [s]; each tick has a whole number of steps.
 
     Raises
     ------
-    ConfigurationError : an invalid tick or physics step.
+    ConfigurationError : the tick or the physics step is out of range.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class SampledPlant(ABC):
 
     @property
     def measured(self) -> Measurement:
-        """The last readings of the sensors."""
+        """The newest measurement."""
         return self._measured
 
     @property
@@ -58,7 +58,10 @@ class SampledPlant(ABC):
         """The current true state."""
 
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> Measurement:
-        """Reset to `position` (n,) [rad, m] with `velocity` (n,), zero by default; the noise sequence continues."""
+        """Reset to `position` (n,) [rad, m] with `velocity` (n,), by default zero, and the time to zero.
+
+        The random generator is not reset.
+        """
         start = per_joint("position", position, self.n, finite=True)
         moving = per_joint("velocity", np.zeros(self.n) if velocity is None else velocity, self.n, finite=True)
         still = self._start(np.array(start), np.array(moving))
@@ -69,7 +72,7 @@ class SampledPlant(ABC):
         return self._measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick with a `command` for the drive and a `push` (3,) [N] on the hand."""
+        """Simulate one tick with a `command` for the drive and a force `push` (3,) [N] on the hand."""
         begin, pushed = self._tick * self.dt, None if push is None else np.asarray(push, dtype=np.float64)
         self._commands.send(begin, np.array(command, dtype=np.float64))
         for k in range(self._steps):
@@ -84,12 +87,12 @@ class SampledPlant(ABC):
 
     @abstractmethod
     def _start(self, position: Array, velocity: Array) -> Array:
-        """Start at `position` (n,) with `velocity` (n,); returns the neutral command."""
+        """Start at `position` (n,) with `velocity` (n,); return the command that acts before the first one arrives."""
 
     @abstractmethod
     def _advance(self, now: float, command: Array, push: Array | None) -> None:
-        """One physics step from the time `now` [s]."""
+        """Simulate one physics step from the time `now` [s]."""
 
     @abstractmethod
     def _readings(self) -> tuple[Array, Array, Array]:
-        """True positions, velocities (n,) and force on the hand (3,), as arrays that do not change later."""
+        """True positions (n,), velocities (n,) and force on the hand (3,), as arrays that do not change later."""

@@ -1,4 +1,4 @@
-"""A simulated person who moves a hand, and a plant of this person and the robot."""
+"""A simulated person who moves a hand, and a plant of this person at a planar robot."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ Array = NDArray[np.float64]
 
 TREMOR_LINES = 3
 FASTEST_LINE = 1.15
-"""Frequency of the fastest tremor line over the centre frequency; the slowest is as far below."""
+"""Largest ratio of a tremor component's frequency to the centre frequency; the smallest ratio is 0.85."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Parameters of a person's hand; every number is an assumption, none comes from the paper's participant.
+    """Parameters of a person's hand. Every default is an assumption; none comes from the paper's participant.
 
     The force on the handle is
 
         sat(K (x_i + wander - x) + B (v_i - v) + effort, strength(x)) - passive(x, v) + tremor + spasms
 
-    with the intended motion x_i(t) and an effort that grows while the hand lags behind. Outside the comfortable
-    workspace the strength falls over `fades_over` to `weak_strength`, and joints near their limits push back with
-    `passive_stiffness` towards the nearest comfortable point.
+    with the hand's position x and velocity v, the intended position x_i and velocity v_i, and an effort that grows
+    while the hand lags behind. Outside the comfortable workspace W_c the strength falls to `weak_strength`, and the
+    arm's passive stiffness pulls the hand towards the nearest point of W_c.
 
     Parameters
     ----------
-    hand_mass : [kg] effective mass of hand and arm at the handle.
-    stiffness, damping : K [N/m], B [N s/m] of the voluntary impedance.
-    persistence : [1/s]; the effort grows by persistence * K * remaining distance per second.
-    strength, weak_strength : [N] largest voluntary force inside W_c, and far outside.
-    fades_over : [m] distance beyond the boundary over which the strength falls.
-    passive_stiffness, passive_damping : [N/m] outside W_c, [N s/m] everywhere.
-    wander, wander_time : [m], [s] of the error of the intended position: standard deviation of each coordinate, and T
-        of its autocorrelation (1 + t / T) exp(-t / T).
-    tremor, tremor_hz : [N] root mean square of the vector's length, [Hz] centre of three lines.
-    spasm_rate, spasm_force, spasm_time : [1/s] rate, [N] mean peak, [s] mean length of involuntary bursts in random
-        directions.
-    aims, ahead : "clock" or "path", see `AIMS`; [m] largest distance ahead on the path, for "path".
+    hand_mass : effective mass of hand and arm at the handle [kg].
+    stiffness, damping : stiffness K [N/m] and damping B [N s/m] of the voluntary motion.
+    persistence : growth of the effort per second [1/s], as a fraction of K * remaining distance.
+    strength, weak_strength : largest voluntary force [N] inside W_c, and far outside W_c.
+    fades_over : distance [m] outside W_c over which the strength falls.
+    passive_stiffness, passive_damping : passive stiffness [N/m] outside W_c, and passive damping [N s/m] everywhere.
+    wander, wander_time : error of the intended position: standard deviation of each coordinate [m], and the time T [s]
+        in its autocorrelation (1 + t / T) exp(-t / T).
+    tremor, tremor_hz : tremor force: root mean square of its length [N], and its centre frequency [Hz].
+    spasm_rate, spasm_force, spasm_time : involuntary bursts of force in random directions: rate [1/s], mean peak [N],
+        mean duration [s].
+    aims, ahead : "clock" or "path", as explained at `AIMS`; for "path", largest distance ahead on the path [m].
     """
 
     hand_mass: float = 1.2
@@ -72,12 +72,12 @@ class Person:
 
 
 class SimulatedPerson:
-    """One person in one trial; wander, tremor and spasms depend only on the seed.
+    """A person in one trial; wander, tremor and spasms depend only on the seed.
 
     Parameters
     ----------
-    person : parameters. comfortable : W_c in the robot's frame. dt : [s]. ticks : largest number.
-    seed : of wander, tremor and spasms.
+    person : parameters of the person. comfortable : comfortable workspace W_c in the robot's frame.
+    dt : duration of a tick [s]. ticks : largest number of ticks. seed : seed of wander, tremor and spasms.
     """
 
     def __init__(
@@ -98,9 +98,15 @@ class SimulatedPerson:
     def force(  # noqa: PLR0917  (a hot call: state, then intention)
         self, x: float, y: float, vx: float, vy: float, to_x: float, to_y: float, to_vx: float, to_vy: float
     ) -> tuple[float, float]:
-        """[N] force on the handle of a hand at (x, y) with the intended position (to_x, to_y).
+        """Force (x, y) [N] of the person on the handle in the next tick.
 
-        It also updates `beyond` [m], the signed distance to the comfortable workspace, negative inside.
+        The attribute `beyond` becomes the signed distance [m] of the hand to the comfortable workspace, negative
+        inside.
+
+        Parameters
+        ----------
+        x, y, vx, vy : position [m] and velocity [m/s] of the hand.
+        to_x, to_y, to_vx, to_vy : intended position [m] and velocity [m/s].
         """
         person, tick = self.person, self._tick
         self._tick += 1
@@ -120,7 +126,7 @@ class SimulatedPerson:
             pushed_x -= person.passive_stiffness * (x - closest_x)
             pushed_y -= person.passive_stiffness * (y - closest_y)
         size = math.hypot(will_x, will_y)
-        if size > most:  # the effort stops growing where nothing is left to give
+        if size > most:  # at the largest voluntary force the effort stops growing
             will_x *= most / size
             will_y *= most / size
             keep = min(1.0, most / max(math.hypot(effort_x, effort_y), most))
@@ -136,20 +142,20 @@ class SimulatedPerson:
 
 
 def _wander(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
-    """(N, 2) [m] a smooth stationary random walk: an Ornstein-Uhlenbeck process through a second low-pass filter."""
+    """Errors (N, 2) [m] of the intended position: white noise through two equal first-order low-pass filters."""
     from scipy.signal import lfilter  # noqa: PLC0415  (loads slowly)
 
     keep = math.exp(-dt / person.wander_time)
-    settle = math.ceil(8 * person.wander_time / dt)  # so that the first tick is like any other
+    settle = math.ceil(8 * person.wander_time / dt)  # skips the filters' transient
     noise = rng.standard_normal((ticks + settle, 2))
     walk = lfilter([1 - keep], [1, -2 * keep, keep * keep], noise, axis=0)[settle:]
-    # Variance of two equal first-order filters in a row: (1 + k^2) / (1 - k^2)^3 for unit noise.
+    # For unit noise, two filters 1 / (1 - k z^-1) in a row give the variance (1 + k^2) / (1 - k^2)^3.
     spread = (1 - keep) * math.sqrt((1 + keep**2) / (1 - keep**2) ** 3)
     return np.asarray(person.wander / spread * walk)
 
 
 def _tremor(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
-    """(N, 2) [N] sinusoids near the tremor's frequency with random phases."""
+    """Tremor forces (N, 2) [N]: sinusoids near the centre frequency with random phases."""
     time = dt * np.arange(ticks)
     total = np.zeros((ticks, 2))
     for _ in range(TREMOR_LINES):
@@ -159,7 +165,7 @@ def _tremor(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> 
 
 
 def _spasms(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> Array:
-    """(N, 2) [N] half sines at the times of a Poisson process."""
+    """Spasm forces (N, 2) [N]: half sines in random directions at the times of a Poisson process."""
     total = np.zeros((ticks, 2))
     for _ in range(rng.poisson(person.spasm_rate * ticks * dt)):
         start = int(rng.integers(ticks))
@@ -171,19 +177,19 @@ def _spasms(person: Person, ticks: int, dt: float, rng: np.random.Generator) -> 
 
 
 class PersonAtRobot:
-    """The person and robot of a scenario's trials; a `Plant` whose commands are forces (2,) [N].
+    """A person with a hand on a planar robot; a `Plant` whose commands are forces (2,) [N].
 
     Attributes
     ----------
-    target : (x, y, vx, vy) [m, m/s] intended state of the hand; None for a passive hand.
-    exerted : (2,) [N] force of the person in the last tick.
+    target : intended state (x, y, vx, vy) of the hand [m, m/s]; None for a person who does not move the hand.
+    exerted : force (2,) [N] of the person in the last tick.
 
     Parameters
     ----------
-    person, comfortable : see `SimulatedPerson`. robot : factory of robots. dt : [s] of a tick. seed : of wander,
-        tremor, spasms and noise.
-    ticks : number of ticks that are drawn in advance; then person and robot restart at rest in place with the next
-        seed.
+    person, comfortable : as for `SimulatedPerson`. robot : factory of robots. dt : duration of a tick [s].
+    seed : seed of wander, tremor, spasms and sensor noise.
+    ticks : number of ticks whose random numbers are drawn at once. After these ticks, person and robot restart at rest
+        at the current position with the next seed.
     """
 
     def __init__(
@@ -198,7 +204,7 @@ class PersonAtRobot:
 
     @property
     def measured(self) -> Measurement:
-        """Measured position of the hand; the velocity is the true one, which no controller of a scenario gets."""
+        """Measured position and force of the hand; the velocity is the true one, for tests only."""
         return self._measured
 
     @property
@@ -208,19 +214,19 @@ class PersonAtRobot:
 
     @property
     def hand(self) -> tuple[float, float, float, float]:
-        """True x, y [m], vx, vy [m/s]."""
+        """True position x, y [m] and velocity vx, vy [m/s] of the hand."""
         robot = self._robot
         return robot.x, robot.y, robot.vx, robot.vy
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Reset to rest at `position` (2,) [m] and time zero."""
+        """Reset the hand to rest at `position` (2,) [m] and the time to zero."""
         self._time, self._seed = 0.0, self._first
         x, y = np.asarray(position, dtype=np.float64).tolist()
         self._begin((x, y))
         return self._look()
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick under the robot's force (2,) [N], the person's force, and an additional push (2,) [N]."""
+        """Simulate one tick with the commanded force (2,) of the robot and a `push` (2,) added to the person's force [N]."""
         if self._left == 0:
             self._seed += 1
             self._begin((self._robot.x, self._robot.y))
@@ -236,7 +242,7 @@ class PersonAtRobot:
         return self._look()
 
     def _look(self) -> Measurement:
-        """Update truth and measurement together, because a loop reads both in each tick."""
+        """Compute the true state and the measurement; a loop reads both in each tick."""
         robot, time = self._robot, self._time
         now = np.array(
             (robot.x, robot.y, robot.vx, robot.vy, robot.measured_x, robot.measured_y, *robot.acting, *robot.seen)

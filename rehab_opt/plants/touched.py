@@ -1,4 +1,4 @@
-"""A plant with sensor faults added while it runs: a frozen encoder, noise, delay."""
+"""A plant to which sensor faults are added during a run: a frozen encoder, noise, delay."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ __all__ = ["TouchedPlant"]
 Array = NDArray[np.float64]
 
 LONGEST = 10.0
-"""[s] of stored measurements."""
+"""Duration [s] of stored measurements, and so the largest delay."""
 
 
 class TouchedPlant:
-    """Any plant with sensor faults that can be set at any time; a `Plant`.
+    """A `Plant` that adds sensor faults to another plant; the faults can be set at any time.
 
     Attributes
     ----------
-    frozen : joint whose encoder repeats its last value; -1 for none.
-    noise : [rad, m] standard deviation on every position.
-    delay : [s] additional delay of measurements, 0 to 10.
+    frozen : number of the joint whose encoder repeats its last value; -1 for none.
+    noise : standard deviation [rad, m] of noise on every position.
+    delay : additional delay of measurements [s], 0 to 10.
 
     Parameters
     ----------
-    plant : the plant behind the sensors. seed : of the noise.
+    plant : the plant without faults. seed : seed of the noise.
     """
 
     def __init__(self, plant: Plant, *, seed: int = 0) -> None:
@@ -46,18 +46,18 @@ class TouchedPlant:
 
     @property
     def truth(self) -> Truth:
-        """The plant's."""
+        """True state of the plant."""
         return self.plant.truth
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Reset to rest at `position` (n,); a frozen encoder reads this position."""
+        """Reset the plant to rest at `position` (n,); a frozen encoder then repeats this position."""
         self._kept.clear()
         self._measured = self.plant.reset(position)
         self._kept.append(self._measured)
         return self._measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """One tick."""
+        """Run one tick of the plant; return its measurement with the sensor faults."""
         self._measured = self._seen(self.plant.step(command, push))
         return self._measured
 

@@ -1,4 +1,4 @@
-"""A wheelchair with an arm: wheels follow their commanded speeds with a lag; the arm is in MuJoCo."""
+"""A simulated wheelchair with an arm: wheels follow their commanded speeds with a lag; the arm runs in MuJoCo."""
 
 from __future__ import annotations
 
@@ -24,33 +24,32 @@ __all__ = ["Wheelchair", "chair_arm_model", "own_chair_arm_model"]
 Array = NDArray[np.float64]
 
 TORQUE_LIMIT = (80.0, 60.0, 40.0, 10.0)
-"""[N m] Assumption: about three times the torques that hold the arm stretched forward."""
+"""Largest torques [N m]; an assumption, about three times the torques that hold the arm stretched forward."""
 COULOMB = (2.0, 2.0, 1.0, 0.3)
-"""[N m] Assumption."""
+"""Dry friction [N m] of the joints; an assumption."""
 VISCOUS = (2.0, 2.0, 1.0, 0.2)
-"""[N m s/rad] Assumption."""
+"""Viscous friction [N m s/rad] of the joints; an assumption."""
 
 
 class Wheelchair(SampledPlant):
-    """Chair and arm; a `Plant` whose command is wheel speeds, then the arm's joint velocities.
+    """A wheelchair with an arm; a `Plant` whose command is the wheel speeds, then the arm's joint velocities.
 
-    Its positions are those of `MobileArm`: the chair's position and heading in the world, then the arm. Each wheel
-    follows its commanded speed with a first-order lag, and `Drive.motion` gives the chair's motion. Simplifications:
-    wheels have no torque limit, slip or bounce, chair and arm do not accelerate each other, and the chair does not
-    tilt. The arm's joints are those of `MujocoArm`. The chair's position has the same measurement noise as the joints,
-    in metres.
+    The positions are those of `MobileArm`: the chair's position and heading in the world, then the arm's joints. Each
+    wheel follows its commanded speed with a first-order lag. Wheels have no torque limit and do not slip. Chair and arm
+    do not accelerate each other, and the chair does not tilt. Measurement noise is equal in number for joints [rad] and
+    for the chair's position [m].
 
     Parameters
     ----------
-    robot : chair and arm. wheels : of `robot.drive(name)`.
-    wheel_lag : [s] time constant of each wheel's speed.
-    drive : of the arm's joints, `VelocityServo` by default.
-    arm : its dynamics, by default those of ARDIS, `chair_arm_model`; of an arm from a robot file `own_chair_arm_model`.
-    dt, channel, seed, physics_step : see `SampledPlant`.
+    robot : chair and arm. wheels : drive of the chair, from `robot.drive(name)`.
+    wheel_lag : time constant of each wheel's speed [s].
+    drive : drive of the arm's joints, by default a `VelocityServo`.
+    arm : dynamics of the arm, by default `chair_arm_model`; for an arm from a robot file use `own_chair_arm_model`.
+    dt, channel, seed, physics_step : as for `SampledPlant`.
 
     Raises
     ------
-    ConfigurationError : MuJoCo is not installed; a number out of range.
+    ConfigurationError : MuJoCo is not installed, or a number is out of range.
     """
 
     def __init__(
@@ -79,14 +78,14 @@ class Wheelchair(SampledPlant):
 
     @property
     def truth(self) -> Truth:
-        """The current true state; the efforts of the wheels are not modelled and zero."""
+        """The current true state; the wheels' efforts are not modelled and are zero."""
         arm = self._arm.truth
         position, velocity, force = self._readings()
         return Truth(self._now, position, velocity, np.concatenate([np.zeros(CHAIR), arm.effort]), force)
 
     @property
     def wheels(self) -> Array:
-        """(w,) [rad/s] current wheel speeds."""
+        """Current wheel speeds (w,) [rad/s]."""
         return self._wheels.copy()
 
     def _start(self, position: Array, velocity: Array) -> Array:
@@ -129,18 +128,19 @@ def chair_arm_model(
     coulomb: ArrayLike = COULOMB,
     viscous: ArrayLike = VISCOUS,
 ) -> ArmModel:
-    """Model of the arm on a chair at the world's origin, with the masses and rotors of `robot`.
+    """Dynamics of the arm on a chair at the world's origin.
 
     Parameters
     ----------
-    torque_limit, coulomb, viscous : (4,) or scalar, see `ArmModel`; the defaults are assumptions.
+    robot : chair and arm, with masses and rotor inertias.
+    torque_limit, coulomb, viscous : arrays (4,) or scalars as in `ArmModel`; the defaults are assumptions.
     """
     arm = _arm_alone(robot)
     return ArmModel(arm, arm.bodies, robot.rotors[CHAIR:], torque_limit, coulomb, viscous)  # type: ignore[arg-type]
 
 
 def own_chair_arm_model(robot: MobileArm) -> ArmModel:
-    """As `chair_arm_model` for an arm from a robot file, with the file's masses and efforts.
+    """Dynamics of an arm from a robot file on a chair at the world's origin, with the file's masses and efforts.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def own_chair_arm_model(robot: MobileArm) -> ArmModel:
 
 
 def _arm_alone(robot: MobileArm) -> SerialChain:
-    """Chain of the arm, on a chair at the world's origin."""
+    """Chain of the arm alone, with its base on a chair at the world's origin."""
     chain = robot.chain
     base = chain.base
     for row in chain.rows[:CHAIR]:
