@@ -37,7 +37,7 @@ class HandRobot(Protocol):
         ...
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
-        """Simulate one tick with the commanded force and the force person_x, person_y of the person on the handle [N]."""
+        """Simulate one tick with the commanded force and the person's force person_x, person_y on the handle [N]."""
         ...
 
 
@@ -134,7 +134,7 @@ class MujocoHandRobot:
         return x, y
 
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
-        """Simulate one tick with the commanded force and the force person_x, person_y of the person on the handle [N]."""
+        """Simulate one tick with the commanded force and the person's force person_x, person_y on the handle [N]."""
         self._plant.step((force_x, force_y), (person_x, person_y, 0.0))
         self._show()
 

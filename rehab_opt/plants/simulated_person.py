@@ -226,7 +226,7 @@ class PersonAtRobot:
         return self._look()
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """Simulate one tick with the commanded force (2,) of the robot and a `push` (2,) added to the person's force [N]."""
+        """Simulate one tick with the commanded force (2,) [N]; a `push` (2,) [N] is added to the person's force."""
         if self._left == 0:
             self._seed += 1
             self._begin((self._robot.x, self._robot.y))
