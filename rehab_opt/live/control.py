@@ -1,4 +1,4 @@
-"""Process with a live problem's controller and plant; the page runs in another process."""
+"""The process that runs the controller and plant of `rehab-opt live`; another process serves the page."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ from rehab_opt.session.run import live_problem
 __all__ = ["Rings", "control_live", "live_or_logged", "live_rings"]
 
 SHOWN_HZ = 60.0
-"""[Hz] Rate of states for the page, which reads them at 30 Hz."""
+"""Rate [Hz] at which the controller's process writes data to draw; the page reads them at 30 Hz."""
 
 
 class Rings(NamedTuple):
-    """Rings between the controller's process and the page's."""
+    """Rings between the controller's process and the page's process."""
 
     given: SharedRing
     """Inputs from the page."""
     state: SharedRing
-    """Records of the loop."""
+    """Records of the loop's ticks."""
     shown: SharedRing
-    """Further data that the page draws."""
+    """Numbers by name that the page draws, and the mode of the stick."""
 
 
 @contextmanager
 def live_or_logged(
     file: str, options: dict[str, str | None], *, again: bool
 ) -> Iterator[tuple[LiveProblem, Logged | None]]:
-    """A live problem and None; or, with `again`, the problem of a log and the log."""
+    """Context with a live problem and None; with `again`, `file` is a log, and its problem and the log are returned."""
     if not again:
         yield live_problem(load_problem(file), **options), None
         return
@@ -63,7 +63,7 @@ def live_or_logged(
 
 @contextmanager
 def live_rings(problem: LiveProblem, *, depth: int) -> Iterator[Rings]:
-    """Rings for a problem, removed afterwards; `depth` is the largest lag of a reader in ticks."""
+    """Context with the rings of a problem; `depth` is the largest lag in ticks of a reader of `state`."""
     n, force = problem.encoders, problem.force
     given = operator_layout(n, axes=2, targets=problem.hands, force=force)
     state = state_layout(n, given, force=force)
@@ -89,11 +89,11 @@ def control_live(
 ) -> None:
     """Run a live problem until the parent process ends.
 
-    `page` gets `LiveProblem.scene` once, or the text of the `RehabOptError` if the problem is refused. With `again` the
-    file is a log, which is shown repeatedly. `log` and `fifo` as in `run_in_time`.
+    The function sends `LiveProblem.scene` to `page`, or the error message if the problem is invalid. With `again`,
+    `file` is a log, which is shown repeatedly. `log` and `fifo` are as in `run_in_time`.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the page, which ends this one
-    with suppress(BrokenPipeError):  # who asked is gone, and nobody is left to be told
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process handles Ctrl-C and ends this process
+    with suppress(BrokenPipeError):  # the page's process has ended
         try:
             with live_or_logged(file, options, again=again) as (problem, logged):
                 page.send(problem.scene())
@@ -115,7 +115,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
 
     def show(tick: Tick, command: Command) -> None:
         nonlocal drawn
-        # At every change of the status, too: else the page says that a robot is at rest, and draws where it was before.
+        # Each change of the status is drawn, too, so that the status and the drawn position match.
         now = tick.number // every, command.status
         if now != drawn:
             drawn = now
@@ -130,7 +130,7 @@ def _run(problem: LiveProblem, rings: Rings, *, fifo: int | None, watches: Seque
 
 
 def _run_again(problem: LiveProblem, logged: Logged, rings: Rings) -> None:
-    """Show a log at its pace; the controller recomputes the plotted values."""
+    """Show a log at its own speed; the controller computes the plotted values again."""
     operator, parent, state = operator_of(logged.records.dtype), multiprocessing.parent_process(), rings.state
     assert parent is not None
     names = set(state.layout.names or ()) & set(logged.records.dtype.names or ())

@@ -1,4 +1,4 @@
-"""A film of a problem as a GIF: the live picture in the problem's own time."""
+"""Film of a problem as a GIF, with the picture of the page of `rehab-opt live`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, DPI, COLOURS = 4.8, 3.6, 100, 48
 LIFT = 0.45
-"""[rad] Elevation of the camera, as on the page."""
+"""Elevation [rad] of the camera, as on the page."""
 EDGE = "#5c6b7a"
 
 
@@ -38,12 +38,13 @@ def write_film(
     per_second: float = 10.0,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> int:
-    """Run a problem without inputs, with the dead man's switch held, and write the page's pictures.
+    """Simulate a problem without inputs, with the dead man's switch held, and write the pictures to a GIF.
 
     Parameters
     ----------
-    problem : see `live_problem`. path : of the GIF. seconds : of the problem's time. per_second : pictures per second.
-    progress : callback for the progress of the run.
+    problem : problem from `live_problem`. path : path of the GIF.
+    seconds : simulated time [s]. per_second : pictures per second of simulated time.
+    progress : callback for the progress of the simulation.
 
     Returns
     -------
@@ -51,7 +52,7 @@ def write_film(
 
     Raises
     ------
-    ConfigurationError : an invalid duration or number of pictures.
+    ConfigurationError : the duration or the number of pictures per second is out of range.
     """
     for name, value, most in (("seconds", seconds, 600.0), ("per_second", per_second, 50.0)):
         if not 0.0 < value <= most:
@@ -90,7 +91,7 @@ def _picture(words: str, scene: dict[str, Any], frame: dict[str, Any], trail: li
     axes.set_ylim(-half * HEIGHT * 0.92 / WIDTH, half * HEIGHT * 0.92 / WIDTH)
     points_a_metre = 72 * WIDTH / (2 * half)
 
-    # Nearness, points, colour, width of a line in points; a width of 0 is filled.
+    # For each shape: coordinate towards the eye, points, colour, line width in points (0 for a filled shape).
     shapes: list[tuple[float, Array, str, float]] = []
     for each in scene.get("fills", ()):
         at = seen(np.array(each["points"]))
@@ -125,7 +126,7 @@ def _picture(words: str, scene: dict[str, Any], frame: dict[str, Any], trail: li
 
 
 def _projection(centre: Array, lift: float, turn: float, *, flat: bool) -> Callable[[Array], Array]:
-    """Function from points (N, 3) to parallel projection: right, up, towards the eye [m]."""
+    """Function that projects points (N, 3) in parallel to the coordinates right, up, towards the eye (N, 3) [m]."""
     turn = -math.pi / 2 if flat else turn
     c, s, ct, st = math.cos(lift), math.sin(lift), math.cos(turn), math.sin(turn)
     axes = np.array([[-st, ct, 0.0], [-s * ct, -s * st, c], [c * ct, c * st, s]])

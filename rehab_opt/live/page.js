@@ -13,7 +13,7 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const size = (a) => Math.hypot(...a), unit = (a) => mul(a, 1 / (size(a) || 1));
 
 // ---- camera and picture
-/* Drawn on a plain canvas, from far to near: that costs no graphics processor, and leaves time for the heartbeat. */
+/* Shapes are drawn from far to near on a 2-D canvas: without WebGL there is enough time for the heartbeat. */
 const canvas = $("scene"), pen = canvas.getContext("2d"), camera = { centre: [0, 0, 0.4], away: 2, turn: -0.9, lift: 0.45 };
 let eye, right, up, ahead, focus, wide, high;
 function look() {
@@ -21,13 +21,13 @@ function look() {
   eye = add(camera.centre, mul(out, camera.away)); ahead = mul(out, -1); wide = canvas.clientWidth; high = canvas.clientHeight; focus = 1.1 * Math.min(wide, high);
   right = Math.abs(out[2]) > 0.999 ? [-Math.sin(camera.turn), Math.cos(camera.turn), 0] : unit(cross(ahead, [0, 0, 1])); up = cross(right, ahead);
 }
-/* Place on the screen, and pixels in a metre there; null behind the eye. */
+/* Pixel coordinates of a point, and pixels per metre at its depth; null for a point behind the eye. */
 function seen(p) {
   const d = sub(p, eye), z = dot(d, ahead), k = focus / z;
   return z > 0.02 * camera.away ? [wide / 2 + k * dot(d, right), high / 2 - k * dot(d, up), k] : null;
 }
 function project(p) { look(); return seen(p); }
-/* The point at a place of the screen, in the plane through `p` that faces the camera, or that of a planar problem. */
+/* Point at pixel (x, y) in the plane through `p` that faces the camera; for planar problems, in the horizontal plane. */
 function placed(x, y, p) {
   const ray = add(mul(ahead, focus), add(mul(right, x - wide / 2), mul(up, high / 2 - y))), normal = scene.planar ? [0, 0, 1] : ahead;
   return add(eye, mul(ray, dot(sub(p, eye), normal) / dot(ray, normal)));
@@ -199,8 +199,8 @@ $("delay").oninput = () => { inputs.delay = +$("delay").value / 1e3; $("delaytex
 $("take").onclick = () => socket.send('{"take":true}');
 document.addEventListener("visibilitychange", () => { if (document.hidden) { enable(false, "released: the tab was hidden"); } });
 
-/* The heartbeat: from the page's own thread, so that a page that hangs is silent. It says when it was sent, by the clock
-   of the server as the newest frame told it, so that one that waited on its way is no fresh one. */
+/* The heartbeat runs in the page's own thread, so that a hanging page sends none. Each heartbeat has its send time on the
+   server's clock, estimated from the newest frame, so that the server can detect delayed heartbeats. */
 let told = null;
 function clock() { return told && told.clock + (performance.now() - told.at) / 1e3; }
 function beat() {

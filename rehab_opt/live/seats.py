@@ -1,4 +1,4 @@
-"""Access to the page, the tab that commands, its heartbeat and its inputs."""
+"""Access to the page of `rehab-opt live`: admitted requests, the commanding tab, its heartbeat and its inputs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["Gate", "Seats", "inputs_of"]
 
 
 class Gate:
-    """Decides whether a request may pass; every handler of the page calls it first.
+    """Decides whether the server answers a request; the server checks every request first.
 
-    A browser sends the page's origin (`Origin`) and the machine's name (`Host`) with each request. A foreign page, or a
-    foreign name that resolves to 127.0.0.1, cannot change either.
+    A browser sends the page's origin (`Origin`) and the machine's name (`Host`) with each request. A page from another
+    site cannot forge these headers, even under a name that resolves to 127.0.0.1.
 
     Parameters
     ----------
-    names : of this machine that may be used for the page. port : of the server.
+    names : names and addresses of this machine under which the page may be opened. port : port of the server.
     """
 
     def __init__(self, names: Iterable[str], port: int) -> None:
@@ -34,12 +34,12 @@ class Gate:
         self.hosts = frozenset(f"{name}:{port}" for name in called) | (called if port == 80 else frozenset())
 
     def refusal(self, target: str, hosts: Sequence[str], origins: Sequence[str], *, socket: bool) -> str:
-        """Reason for refusing a request; empty if it may pass.
+        """Reason for refusing a request; empty if the request is admitted.
 
         Parameters
         ----------
-        target : path and query of the request. hosts, origins : all values of these headers.
-        socket : whether the request is for a websocket, with which every browser sends an origin.
+        target : path and query of the request. hosts, origins : all values of the headers `Host` and `Origin`.
+        socket : whether the request opens a websocket; then `Origin` is required.
         """
         if len(hosts) != 1 or hosts[0].lower() not in self.hosts:
             return "another host than this page's"
@@ -56,7 +56,7 @@ class Gate:
 
 
 def _as_called(name: str) -> str:
-    """Address in the short form of browsers."""
+    """Name or address in the short form that browsers use."""
     with suppress(ValueError):
         name = str(ip_address(name))
     return f"[{name}]" if ":" in name else name.lower()
@@ -65,11 +65,11 @@ def _as_called(name: str) -> str:
 FARTHEST, STRONGEST, NOISIEST, LATEST = 20.0, 100.0, 0.05, 0.5
 """Largest accepted target [m], push [N], noise [rad, m], and delay [s]."""
 OFTENEST, SPARE = 200.0, 50
-"""Largest rate of messages of a tab [1/s], and largest burst; messages beyond would be old when read."""
+"""Largest rate [1/s] and largest burst of a tab's messages; at a higher rate, messages would be old when read."""
 
 
 def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
-    """The inputs in a page's message; None for a wrong shape, or a number that is not finite or too large."""
+    """Inputs in a page's message; None if the message lacks an input, or a number is not finite or is too large."""
     try:
         target = message["target"]
         (tx, ty, tz), (px, py, pz) = NOWHERE if target is None else target, message["push"]
@@ -99,17 +99,19 @@ def inputs_of(message: Mapping[str, Any], *, joints: int) -> LiveInputs | None:
 
 
 class Seats:
-    """The open tabs by number. The first one commands until it closes; then a tab that requests it.
+    """The open tabs of the page, by number; one of them commands the robot.
+
+    The first tab commands until it closes or another tab takes command.
 
     Parameters
     ----------
-    hands : number of hands, see `LiveProblem`.
+    hands : number of hands, as in `LiveProblem`.
 
     Attributes
     ----------
-    commander : number of the tab that commands, or None.
-    lapsed : why the dead man's switch was released without the tab; empty after the tab has released it itself.
-    heartbeat : [s] send time, on the caller's clock, of the last message with the switch held; NaN if it is not held.
+    commander : number of the commanding tab, or None.
+    lapsed : reason why the server released the dead man's switch; empty once the tab itself has released the switch.
+    heartbeat : time [s] at which the last message with a held switch was sent; NaN if the switch is released.
     """
 
     def __init__(self, *, hands: int = 1) -> None:
@@ -122,7 +124,7 @@ class Seats:
         self._spare, self._heard = float(SPARE), -math.inf
 
     def join(self, *, participant: bool) -> int:
-        """Add a tab; returns its number."""
+        """Add a tab and return its number; the first tab that is not the participant's commands."""
         tab, self._next = self._next, self._next + 1
         self._tabs[tab] = participant
         if self.commander is None and not participant:
@@ -130,7 +132,7 @@ class Seats:
         return tab
 
     def leave(self, tab: int) -> None:
-        """Remove a tab whose socket is gone; it loses command."""
+        """Remove a tab whose connection is closed; if the tab commanded, no tab commands afterwards."""
         del self._tabs[tab]
         self._hands.pop(tab, None)
         if tab == self.commander:
@@ -138,17 +140,17 @@ class Seats:
             self._release()
 
     def take(self, tab: int) -> None:
-        """Give command to a tab, with the switch released; a participant's tab cannot have it."""
+        """Let a tab command, with the dead man's switch released; a participant's tab cannot command."""
         if self._tabs[tab] or tab == self.commander:
             return
         self.commander, self.lapsed = tab, ""
         self._release()
 
     def hear(self, tab: int, inputs: LiveInputs, *, now: float, sent: float | None = None) -> None:
-        """Receive a heartbeat with the state of a tab's controls; a late one releases the dead man's switch.
+        """Receive a heartbeat with a tab's inputs; a late heartbeat releases the dead man's switch.
 
-        Its age counts from `sent`, on the clock of `now`, so that queued messages are recognised as old. If `sent` is
-        NaN, the switch does not count as held.
+        A heartbeat's age counts from `sent` [s], on the clock of `now` [s], so that queued heartbeats count as old. If
+        `sent` is NaN, the switch counts as released.
         """
         if tab != self.commander:
             return
@@ -168,7 +170,7 @@ class Seats:
         self.heartbeat = sent if self.inputs.enable else math.nan
 
     def point(self, tab: int, hand: tuple[float, float, float] | None) -> None:
-        """Set the participant's target for the hand [m], from the participant's tab; None for no target."""
+        """Set the hand's target [m] from a participant's tab; None for no target."""
         if hand is None or not all(abs(each) <= FARTHEST for each in hand):
             self._hands.pop(tab, None)
         elif self._tabs[tab]:
@@ -176,13 +178,16 @@ class Seats:
 
     @property
     def current(self) -> LiveInputs:
-        """Inputs of the commanding tab; with two hands, the participant's tab sets the second target."""
+        """Inputs of the commanding tab; a target from a participant's tab replaces the tab's target.
+
+        With two hands, the commanding tab's target is the helper's.
+        """
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs
 
     def state(self, tab: int) -> dict[str, Any]:
-        """State of the other tabs for a tab."""
+        """Message to a tab: whether it commands, and the numbers of tabs and of participants' tabs."""
         participants = sum(self._tabs.values())
         return {"commands": tab == self.commander, "tabs": len(self._tabs), "participants": participants}
 

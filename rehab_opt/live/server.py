@@ -1,4 +1,4 @@
-"""The page's server: it serves the page behind a gate, sends tabs the state, and receives their inputs."""
+"""Server of the page of `rehab-opt live`, which sends the robot's state to the open tabs and reads their inputs."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = ["LivePage"]
 
 FRAMES_HZ = 30.0
 SILENT = 0.5
-"""[s] without data from the controller's process after which the page reports it."""
+"""Time [s] without data from the controller's process after which the page reports a loss."""
 LARGEST = 4096
-"""[byte] Largest message from a page."""
+"""Largest size [byte] of a message from a page."""
 PAGES = ("/", "/participant")
 
 
@@ -44,10 +44,10 @@ class LivePage:
 
     Parameters
     ----------
-    problem : for drawing; its controller runs in another process. rings : to and from that process. scene : connection
-        on which `control_live` sends the scene.
-    alive : whether the controller's process still runs.
-    watching : called with the plotted values, even without a tab.
+    problem : problem to draw; its controller runs in another process. rings : rings shared with that process.
+    scene : connection on which `control_live` sends the scene.
+    alive : function that returns whether the controller's process runs.
+    watching : object that gets the plotted values, even without an open tab, or None.
     """
 
     def __init__(
@@ -72,8 +72,8 @@ class LivePage:
 
         Raises
         ------
-        ConfigurationError : the address is not available; websockets is not installed.
-        RehabOptError : the controller's process refuses the problem.
+        ConfigurationError : the address is not available, or websockets is not installed.
+        RehabOptError : the controller's process reports an invalid problem.
         """
         serve = _websockets()
         try:
@@ -125,7 +125,7 @@ class LivePage:
         return response
 
     async def _hear(self, connection: ServerConnection) -> None:
-        """Serve one tab from its opening to its end."""
+        """Serve one tab until its connection closes."""
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
         view = parse_qs(connection.request.path.partition("?")[2] if connection.request else "").get("view", [""])[0]
@@ -168,7 +168,7 @@ class LivePage:
         self._pass_on()
 
     def _pass_on(self) -> None:
-        """Pass the inputs to the controller's process at once."""
+        """Write the current inputs to the ring that the controller's process reads."""
         current, record = self._seats.current, self._given.record
         record["heartbeat"] = self._seats.heartbeat
         record["target"][...] = np.eye(4)
@@ -186,7 +186,7 @@ class LivePage:
 
     # -------------------------------------------------------------------------------------------------- frames
     def _begin(self) -> None:
-        """Handle the scene, or an error, or the end of the controller's process."""
+        """Read the scene or an error message from the controller's process."""
         try:
             sent = self._sent.recv()
         except EOFError:
@@ -202,14 +202,14 @@ class LivePage:
             tab.queue(self._scene)
 
     async def _tell(self) -> None:
-        """Send the state to every tab until the problem is refused."""
+        """Send the state to every tab until the controller's process reports an error."""
         last, absent = -1, False
         while not self._refused:
             await asyncio.sleep(1 / FRAMES_HZ)
-            state, shown = self._state.latest(), self._shown.latest()  # in this order: the picture is the newer one
+            state, shown = self._state.latest(), self._shown.latest()  # in this order, the drawn data are never older
             text = self._absence(state)
             if absent and not text:
-                self._seat()  # what was lost is there again
+                self._seat()  # after a loss, tabs need to know again which of them commands
             absent = bool(text)
             if text:
                 for tab in self._tabs.values():
@@ -220,7 +220,7 @@ class LivePage:
                     tab.show(text)
 
     def _absence(self, state: Newest | None) -> str:
-        """Reason why no state is shown; empty if there is one or will soon be."""
+        """Reason why no state can be shown; empty if there is a state or one is expected soon."""
         if not self._alive():
             return "the controller's process has ended: the robot gets no commands; start rehab-opt live again"
         silent = 0.0 if state is None else time.monotonic() - state.time
@@ -248,7 +248,7 @@ class LivePage:
 
 
 class _Tab:
-    """Queue of messages for one tab; a slow tab misses frames."""
+    """Queue of messages to one tab; a slow tab misses frames."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self._connection, self._waiting = connection, asyncio.Event()
@@ -309,7 +309,7 @@ def _place(hand: object) -> tuple[float, float, float] | None:
 
 
 def _told(message: dict[str, Any]) -> str:
-    """Message as JSON; infinity and NaN become null."""
+    """Message as JSON, with null for infinity and NaN."""
     return json.dumps(_finite(message), allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""`rehab-opt live`: the controller in a process of its own, the page in this one."""
+"""`rehab-opt live`: starts the controller in a process of its own and serves the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rehab_opt.session.live.problem import Watching
 __all__ = ["show_live"]
 
 PATIENT = 10.0
-"""[s] for the controller's process to brake, to disconnect a device, and to end its log."""
+"""Longest time [s] for the controller's process to brake, to disconnect a device and to end its log."""
 
 
 def show_live(
@@ -38,18 +38,18 @@ def show_live(
 
     Parameters
     ----------
-    file : of the problem, or the name of a shipped one. plant, solver : as in `rehab-opt run`.
-    again : the file is a log, which is shown at its pace in a loop.
-    log : file for every tick with the page's inputs, for `rehab-opt replay`, or None.
-    fifo : priority of the controller's and the device's process, see `Loop`; the page has normal priority.
-    host, port : of the page; port 0 means any free port.
-    ready : called with the addresses of the page and of the participant's page. watching : called with the plotted
-        values.
+    file : path of a problem file, or the name of a shipped problem. plant, solver : as in `rehab-opt run`.
+    again : whether `file` is a log, which is then shown repeatedly at its own speed.
+    log : path of a log of every tick, for `rehab-opt replay`, or None.
+    fifo : SCHED_FIFO priority of the controller's and the device's process, as for `Loop`, or None.
+    host, port : address and port of the page; port 0 means any free port.
+    ready : function that is called with the addresses of the page and of the participant's page.
+    watching : object that gets the plotted values, or None.
 
     Raises
     ------
-    ConfigurationError : problems of this kind do not run live; an invalid option or address.
-    ProblemFileError : an invalid value in the file.
+    ConfigurationError : problems of this kind do not run live, or an option or address is invalid.
+    ProblemFileError : a value in the file is invalid.
     """
     _refuse_wildcard(host)
     options = {"plant": plant, "solver": solver}

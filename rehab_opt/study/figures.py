@@ -1,4 +1,4 @@
-"""Figures of a report, as PNG in the page: texts of a study are drawn as plain text only."""
+"""Figures of a study's report, as PNG images inside the page; labels are drawn as plain text, without formulas."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COLOURS = OKABE_ITO
 FIRST, LAST = COLOURS[1], COLOURS[0]
 LONGEST_LABEL, MOST_LABELS = 14, 8
 LARGEST = 1e30
-"""Larger values are not drawn by matplotlib; no measure is as large."""
+"""Largest drawn value; matplotlib cannot draw larger values, and measures are far smaller."""
 
 
 @styled()
@@ -31,7 +31,10 @@ def progress_figure(
     means: Mapping[str, Mapping[float, Interval]],
     labels: Mapping[float, str],
 ) -> str:
-    """For each condition points (y over x) and means with 95 % intervals, with `labels` below the x axis."""
+    """Figure of values over sessions: for each condition, points, and means with 95 % confidence intervals.
+
+    `points` has values by condition and x, `means` has intervals by condition and x, `labels` has texts by x.
+    """
     figure = framed("", 2.1, NARROW)
     axes = figure.subplots()
     step = (max(labels) - min(labels)) / 40 or 0.05
@@ -43,7 +46,7 @@ def progress_figure(
             axes.plot(*zip(*dots, strict=True), ".", color=COLOURS[i], alpha=strength, markersize=3)
         drawn = [(x, each) for x, each in means[name].items() if abs(each.mean) < LARGEST]
         axes.plot([x + shift for x, _ in drawn], [each.mean for _, each in drawn], "o-", color=COLOURS[i], markersize=3)
-        low, high = axes.get_ylim()  # one interval of few trials may be far longer than the values lie apart
+        low, high = axes.get_ylim()  # long intervals of few trials are cut, so that the points stay visible
         for x, each in drawn:
             if math.isfinite(each.lower):
                 ends = (max(each.lower, 2 * low - high), min(each.upper, 2 * high - low))
@@ -56,7 +59,7 @@ def progress_figure(
 
 @styled()
 def outline_figure(shapes: Sequence[tuple[Sequence[Sequence[float]], str, float]]) -> str:
-    """Closed outlines [m] with their colours and line strengths, on one scale; later ones on top."""
+    """Figure of closed outlines, each with corners [m], colour and opacity; later outlines are on top."""
     figure = framed("", 3.0, NARROW)
     axes = figure.subplots()
     for corners, colour, strength in shapes:

@@ -1,7 +1,7 @@
-"""An index of a study's folders in SQLite. The folders are the source: the index reads missing content from them.
+"""SQLite index of a study's folders; the folders are the source, and the index can be rebuilt from them.
 
-A session is read again if its folder changed, or if a part of it was unreadable. This finds results of killed
-processes, copied folders and removed ones. It does not find files that were edited in place: delete index.db then.
+A session is read again if its folder changed or if some of its files were unreadable. So copied, removed and partly
+written folders are noticed. Files that were edited in place are not noticed: delete index.db then.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = ["INDEX", "Index", "content_of", "trial_format", "trials_in"]
 
 INDEX, PERSON, SESSION, TRIAL, METRICS = "index.db", "person.json", "session.json", "trial.json", "metrics.json"
 WAIT_S = 60.0
-"""[s] Time that a writer waits for another one; a trial takes milliseconds."""
+"""Longest time [s] that a process waits for another process that writes; writing a trial takes milliseconds."""
 VERSION = 1
-"""PRAGMA user_version of an index; an index with another version is built again."""
+"""Version of the index format (PRAGMA user_version); an index with another version is rebuilt."""
 SCHEMA = """
     CREATE TABLE sessions (
         id INTEGER PRIMARY KEY, person TEXT NOT NULL, "group" TEXT, name TEXT NOT NULL, visit INTEGER, date TEXT,
@@ -54,24 +54,24 @@ SCHEMA = """
 
 @cache
 def trial_format() -> Any:
-    """Pydantic's reader and writer of `trial.json`."""
+    """Pydantic adapter that reads and writes `trial.json`."""
     from pydantic import TypeAdapter  # noqa: PLC0415
 
     return TypeAdapter(Trial)
 
 
 def content_of(file: Path) -> dict[str, Any]:
-    """Content of a .json file of a study; {} if it is missing.
+    """Content of a JSON file of a study; {} if the file is missing.
 
     Raises
     ------
-    ConfigurationError, ProblemFileError : the file cannot be read, or is no table.
+    ConfigurationError, ProblemFileError : the file cannot be read, or has no JSON object.
     """
     if not os.path.lexists(file):
         return {}
     try:
         content = json.loads(file_content(file, file.name, max_size=MAX_RECORDING_SIZE))
-        json.dumps(content, ensure_ascii=False).encode()  # half of a surrogate pair is no text
+        json.dumps(content, ensure_ascii=False).encode()  # raises an error for half of a surrogate pair
     except (ValueError, RecursionError) as problem:
         raise ConfigurationError(file.name, shown(str(problem), 80), "JSON") from problem
     if not isinstance(content, dict):
@@ -80,7 +80,7 @@ def content_of(file: Path) -> dict[str, Any]:
 
 
 def trials_in(folder: Path) -> Sequence[Trial]:
-    """The trial of a folder; if it has only a run's metrics.json, the trials of the run.
+    """The trial in a folder; if the folder has only the metrics.json of a run, the trials of that run.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def trials_in(folder: Path) -> Sequence[Trial]:
 
 
 class Index:
-    """The index of a study's folder; in memory if it cannot be written.
+    """The index of a study's folder; if its file cannot be written, the index is in memory.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Index:
                 if _code(problem) == sqlite3.SQLITE_BUSY:
                     raise
                 self._open(None)
-            except sqlite3.DatabaseError:  # spoilt, or of another version: the folders have all of it
+            except sqlite3.DatabaseError:  # damaged, or of another version: rebuild the index
                 for name in (INDEX, f"{INDEX}-journal"):
                     (folder / name).unlink(missing_ok=True)
                 self._open(folder / INDEX)
@@ -149,18 +149,18 @@ class Index:
         return int(self.db.execute("PRAGMA user_version").fetchone()[0])
 
     def rows(self, question: str, values: Sequence[Any] = ()) -> list[Any]:
-        """Rows of a SELECT."""
+        """Rows that a SELECT statement returns."""
         with self.refusals():
             return self.db.execute(question, values).fetchall()
 
     def bad(self) -> list[str]:
-        """Unreadable content of the folder, with the reasons; it is not changed."""
+        """Unreadable files of the study, each with the reason."""
         found = self.rows("SELECT person, session, folder, why FROM bad ORDER BY 1, 2, 3")
         return [f"{'/'.join(filter(None, place))}: {why}" for *place, why in found]
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
-        """Raise `ConfigurationError` in place of errors of SQLite and the disk."""
+        """Context in which errors of SQLite and of the disk become `ConfigurationError`."""
         try:
             yield
         except (sqlite3.Error, OSError) as problem:
@@ -170,17 +170,17 @@ class Index:
 
     @contextmanager
     def transaction(self, kind: str = "IMMEDIATE") -> Iterator[None]:
-        """A transaction: all of it or nothing; with DEFERRED, all reads see the state of one moment."""
+        """Context of one SQLite transaction; with DEFERRED, all reads inside see the same state."""
         self.db.execute(f"BEGIN {kind}")
         with self.db:
             yield
 
     def follow(self) -> None:
-        """Read new content of the folders, and erase removed content completely."""
+        """Update the index: read new and changed sessions, and erase removed ones completely."""
         known = {
             (person, name): stamp for person, name, stamp in self.db.execute("SELECT person, name, stamp FROM sessions")
         }
-        known |= dict.fromkeys(self.db.execute("SELECT person, session FROM bad"))  # it may have been mended
+        known |= dict.fromkeys(self.db.execute("SELECT person, session FROM bad"))  # may have been repaired since
         there: dict[tuple[str, str], str] = {}
         for person in _folders(self.folder):
             own = _stamp(f"{person.path}/{PERSON}")
@@ -197,10 +197,10 @@ class Index:
             if gone:
                 self.db.execute("DELETE FROM quantities WHERE id NOT IN (SELECT quantity FROM measures)")
         if {person for person, _ in gone} - {person for person, _ in there}:
-            self.db.execute("VACUUM")  # what an index kept of a name in its inner pages goes, too
+            self.db.execute("VACUUM")  # also erases the person's name from inner pages of the database
 
     def read(self, person: str, name: str) -> None:
-        """Read a session again if it changed, within a transaction."""
+        """Read a session's folder into the index; call it within a transaction."""
         home, file = self.folder / person / name, self.folder / person / PERSON
         stamp, add = _stamp(home) + _stamp(file), self.db.execute
         add("DELETE FROM bad WHERE person = ? AND session = ?", (person, name))
@@ -248,13 +248,13 @@ def _code(problem: BaseException) -> int:
 
 
 def _folders(within: os.DirEntry[str] | Path) -> Iterator[os.DirEntry[str]]:
-    """Folders, without links, so that nothing outside a study is read or removed."""
+    """Folders inside a folder, without symbolic links, so that nothing outside a study is read or removed."""
     with os.scandir(within) as entries:
         yield from (each for each in entries if each.is_dir(follow_symlinks=False) and each.name[0] != ".")
 
 
 def _stamp(path: str | Path) -> str:
-    """Value that changes if a file of a folder is created, renamed, removed or replaced."""
+    """Text that changes if an entry of the folder is created, renamed or removed, or the file is replaced."""
     try:
         found = os.stat(path)
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Trials of a live session: a trial lasts as long as the dead man's switch is held, and is written at its release."""
+"""Trials of a live session: a trial lasts while the dead man's switch is held, and is stored when it is released."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ __all__ = ["LiveTrials"]
 Array = NDArray[np.float64]
 
 SHORTEST = 1.0
-"""[s] A shorter hold of the switch is no trial."""
+"""Shortest duration [s] of a trial."""
 USUAL = "ok"
 
 
 class LiveTrials:
-    """The pictures of a live page, 30 per second, as trials of a study; `LivePage` calls it.
+    """Stores the frames of a live page, 30 per second, as trials of a study; `LivePage` calls its methods.
 
-    A trial has the maximum and mean of each plotted number, those with a limit as bounds; statuses other than "ok" with
-    their reasons as events; the measures of the hand's path, if there is a hand; and all samples.
+    A trial has the mean and maximum of each plotted number, bounds for numbers with a limit, an event for each status
+    other than "ok", measures of the hand's path, and all samples.
 
     Parameters
     ----------
-    into : session and study.
-    problem : the problem of the run.
+    into : study and session of the trials.
+    problem : the problem that runs live.
     """
 
     def __init__(self, into: Destination, problem: ProblemText) -> None:
@@ -45,18 +45,18 @@ class LiveTrials:
         self.written = 0
 
     def begin(self, plots: Sequence[Mapping[str, Any]]) -> None:
-        """The numbers that the page plots: name, unit, and `line` if there is a limit."""
+        """Set the plotted numbers, each with `name`, `unit`, and `line` if the number has a limit."""
         self._plots = plots
 
     def see(self, seen: Seen) -> None:
-        """One picture of the page; raises as `Study.add` if it ends a trial."""
+        """Add one frame of the page; a released switch ends the trial. Raises as `Study.add`."""
         if not seen.held:
             self.end()
         elif not self._seen or seen.time > self._seen[-1].time:
             self._seen.append(seen)
 
     def end(self) -> None:
-        """Write the current trial if it is long enough."""
+        """Store the current trial if it lasts at least 1 s."""
         seen, self._seen = self._seen, []
         if seen and seen[-1].time - seen[0].time >= SHORTEST:
             self.written += self._into.add([self._trial(seen)])
@@ -94,7 +94,7 @@ class LiveTrials:
 
 
 def _events(seen: Sequence[Seen]) -> Iterator[Event]:
-    """Number of pictures with a status other than "ok", by reason, and of ticks that the loop skipped."""
+    """Events of a trial: frames with a status other than "ok", by reason; skipped ticks; withheld commands."""
     counted = Counter(": ".join(filter(None, (each.status, each.reason))) for each in seen if each.status != USUAL)
     for what, times in counted.items():
         yield Event(what, times, "pictures")

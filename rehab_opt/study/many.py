@@ -1,4 +1,4 @@
-"""Write batch runs into a study, each when it ends; people whose covariates do not fit are refused."""
+"""Store the results of a batch in a study; a person whose covariates contradict the study gets an error."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ __all__ = ["Recorder", "study_of_many"]
 
 
 class Recorder:
-    """Called by `run_many` with each row.
+    """Stores each finished person of a batch in a study; `run_many` calls the object with each row.
 
     Parameters
     ----------
     study : an open study.
-    session : session of people whose row names none.
-    table : the results.csv with the rows of these people.
+    session : name of the session, for people whose row has none.
+    table : path of the batch's results.csv.
     """
 
     def __init__(self, study: Study, session: str | None, *, table: Path) -> None:
         self._study, self._session, self._table = study, session, table
 
     def checked(self, people: Sequence[Participant]) -> list[Participant]:
-        """The people, with an error for those whose row does not fit into the study."""
+        """The people, with an error for each person whose row contradicts the study."""
         errors: dict[str, RehabOptError] = {}
         sessions: dict[str, Session] = {}
         for person in people:
@@ -50,7 +50,7 @@ class Recorder:
         ]
 
     def __call__(self, person: Participant, row: ResultRow, folder: Path, digest: str) -> None:
-        """Write a row; a result of an earlier run that is already in the study stays unchanged.
+        """Store a row as trials; a result that is already in the study stays unchanged.
 
         Raises
         ------
@@ -76,11 +76,11 @@ class Recorder:
 
 
 def study_of_many(opened: ExitStack, folder: Path | None, session: str | None, *, table: Path) -> Recorder | None:
-    """The recorder for the study of `folder`, which `opened` closes; None without a study.
+    """The recorder for the study in `folder`, which `opened` closes; None if `folder` is None.
 
     Raises
     ------
-    ConfigurationError : a session without a study; or as for `Study`.
+    ConfigurationError : there is a session but no study, or the study cannot be opened.
     """
     if folder is None:
         if session is not None:

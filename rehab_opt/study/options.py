@@ -1,4 +1,4 @@
-"""Options of a command for its study: --study FOLDER --person P --session S --covariate KEY=VALUE."""
+"""Command-line options for storing trials in a study: --study FOLDER --person P --session S --covariate KEY=VALUE."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ COVARIATES = ("group", "condition", "visit", "date")
 
 @dataclass(frozen=True)
 class Destination:
-    """Target of a command's trials: a session of a study, and the condition of the trials."""
+    """Where a command stores its trials: the study's folder, the session, and the condition of the trials."""
 
     folder: Path
     session: Session
     condition: str | None
 
     def add(self, trials: Sequence[Trial]) -> int:
-        """Write the trials; returns the number of new ones. Raises as `Study.add`."""
+        """Store the trials and return the number of new ones; raises as `Study.add`."""
         from rehab_opt.study.store import Study  # noqa: PLC0415
 
         with Study(self.folder) as study:
             return study.add(self.session, [each.under(self.condition) for each in trials])
 
     def written(self, new: int) -> str:
-        """One line about the written trials."""
+        """One line that reports the number of stored trials."""
         there = "" if new else " (the study has them already)"
         trials = "1 trial" if new == 1 else f"{new} trials"
         return f"{trials} into {self.folder}: {self.session.person}, {self.session.name}{there}"
@@ -57,12 +57,12 @@ class Destination:
 def destination(
     study: Path | None, person: str | None, session: str | None, covariate: Sequence[str] | None
 ) -> Destination | None:
-    """Target of the trials, checked before any computation; None without a study.
+    """Where to store the trials, checked before any computation; None without a study.
 
     Raises
     ------
-    ConfigurationError : options without a study; a covariate that is unknown, repeated, or contradicts the study; or as
-        for `session_of` and `Study`.
+    ConfigurationError : an option needs a study, a covariate is unknown, repeated or contradicts the study, or as for
+        `session_of` and `Study`.
     """
     if study is None:
         for option, value in (("--person", person), ("--session", session), ("--covariate", covariate or None)):
@@ -84,12 +84,12 @@ def destination(
 
 
 def session_of(person: str | None, name: str | None, covariates: Mapping[str, str]) -> tuple[Session, str | None]:
-    """A session and a condition from texts; empty covariates count as not given.
+    """Session and condition from texts; empty covariates count as not given.
 
     Raises
     ------
-    ConfigurationError : no person or session, a visit that is not a number, or labels that a `Session` or a `Trial`
-        refuses.
+    ConfigurationError : the person or the session is missing, the visit is not a number, or a label is invalid for
+        `Session` or `Trial`.
     """
     for option, value in (("--person", person), ("--session", name)):
         if value is None:

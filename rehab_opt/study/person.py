@@ -1,4 +1,4 @@
-"""One person's part of a study: copied for them, or removed at their request."""
+"""Export measures of a study, and copy or remove the data of one person."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from rehab_opt.text_file import write_whole
 __all__ = ["exported", "note_written", "removed"]
 
 BESIDE_TABLE = ("groups.csv", "results.parquet")
-"""Files that `many` writes beside a table, and rewrites in the next run."""
+"""Files that `rehab-opt many` writes beside results.csv, and writes again in the next run."""
 COLUMNS = ("person", "group", "session", "visit", "date", "trial", "condition", "status", "measure", "value", "unit")
 
 
 def exported(study: Study, person: str | None, folder: Path, *, parquet: bool = False) -> list[Path]:
-    """Write measures.csv, and for one person a copy of their whole content of the study.
+    """Write measures.csv; for one person, also copy the person's folder of the study.
 
     Parameters
     ----------
-    person : None for the measures of all people.
-    folder : is created; it must be new or empty.
+    study : an open study. person : None for the measures of all people.
+    folder : folder of the files, new or empty.
     parquet : whether to write measures.parquet, too.
 
     Raises
     ------
-    ConfigurationError : unknown person, a folder that is not empty or not writable, or no pyarrow.
+    ConfigurationError : the person is unknown, the folder is not empty or not writable, or pyarrow is not installed.
     """
     if person is not None:
         check_there(study, person)
@@ -49,7 +49,7 @@ def exported(study: Study, person: str | None, folder: Path, *, parquet: bool = 
         if inside or (folder.exists() and any(folder.iterdir())):
             raise ConfigurationError("--out", str(folder), "a folder outside of the study, empty or not there yet")
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        folder.chmod(0o700)  # one that was there, too
+        folder.chmod(0o700)  # an existing folder may be open to others
         names = ("measures.csv", "measures.parquet", person or "")
         note_written(study, [folder / name for name in names if name], person)
         written = [private(folder / "measures.csv", "")]
@@ -69,7 +69,7 @@ def exported(study: Study, person: str | None, folder: Path, *, parquet: bool = 
 
 
 def _parquet(table: Path) -> Path:
-    """measures.csv as Parquet; all but visit, trial and value is text, so that a pseudonym 007 stays 007."""
+    """Write measures.csv as Parquet; all columns but visit, trial and value are text, so that 007 stays 007."""
     try:
         import pyarrow  # noqa: PLC0415
         import pyarrow.csv  # noqa: PLC0415
@@ -87,33 +87,33 @@ def _parquet(table: Path) -> Path:
 
 
 def note_written(study: Study, paths: Iterable[Path], person: str | None) -> None:
-    """Store paths of exports and reports of a person, or all people: they are deleted with any person in them."""
+    """Note paths of exports and reports in the study; removing a person deletes files that include this person."""
     mark = study.folder / MARK
-    with suppress(ConfigurationError), study.writing():  # where nothing can be written, nobody can be removed
+    with suppress(ConfigurationError), study.writing():  # from a read-only study, no person can be removed
         known = content_of(mark)
         known.setdefault("written", []).extend([str(path.absolute()), person] for path in paths)
         private(mark, json.dumps(known, indent=1) + "\n")
 
 
 def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
-    """Remove a person: exports and reports that include them, results of runs elsewhere, their folder, their rows.
+    """Remove a person's folder and rows, results of the person's runs elsewhere, and exports and reports.
 
-    If it is interrupted, call it again. It does not reach copies elsewhere, or remains of deleted files on the disk.
+    If the function was interrupted, call it again. It does not find copies in other places.
 
     Returns
     -------
-    Their recordings, which are not removed, and the removed exports and reports of all people.
+    The person's recordings, which stay, and the removed exports and reports of all people.
 
     Raises
     ------
-    ConfigurationError : unknown person, or a file that cannot be removed.
+    ConfigurationError : the person is unknown, or a file cannot be removed.
     """
     check_there(study, person)
     home, recordings, others = study.folder / person, dict[Path, None](), []
-    known = content_of(study.folder / MARK)  # unreadable, it must not leave half of a person
+    known = content_of(study.folder / MARK)  # read first: an error here must not leave half of a person
     with study.writing():
         for folder in home.glob("*/*/"):
-            with suppress(RehabOptError):  # what cannot be read goes all the same
+            with suppress(RehabOptError):  # an unreadable trial is removed with the folder
                 for path, kind in (file for trial in trials_in(folder) for file in trial.files):
                     if kind == "recording":
                         recordings |= {path: None} if path.exists() else {}
@@ -123,7 +123,7 @@ def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
         for path in (Path(path) for path, of in written if of in (None, person)):
             others += [path] if path.exists() and [str(path), None] in written else []
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-            with suppress(OSError):  # with something else in it, or gone
+            with suppress(OSError):  # a folder with other files stays
                 path.parent.rmdir()
         known["written"] = [each for each in written if each[1] not in (None, person)]
         private(study.folder / MARK, json.dumps(known, indent=1) + "\n")
@@ -134,7 +134,7 @@ def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
 
 
 def _forget(path: Path, kind: str, person: str) -> None:
-    """Remove a result elsewhere, or the row in a table of many people."""
+    """Remove a result outside the study, or the person's row in a table of many people."""
     if kind != "table":
         path.unlink(missing_ok=True)
         with suppress(OSError):  # a folder with something else in it stays
@@ -145,5 +145,5 @@ def _forget(path: Path, kind: str, person: str) -> None:
         left = io.StringIO()
         csv.writer(left, lineterminator="\n").writerows(rows)
         write_whole(path, left.getvalue().encode())
-        for name in BESIDE_TABLE:  # a group of one is one person
+        for name in BESIDE_TABLE:  # the numbers of a small group may reveal the person
             path.with_name(name).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""A run, a row of a batch, or a scored recording as trials of a study, with measures, bounds and events."""
+"""Convert a run, a row of a batch, or a scored recording to trials of a study."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ UNITS = {
     "m": "m", "m2": "m^2", "m3": "m^3", "m_s": "m/s", "mm": "mm", "deg": "deg", "deg_s": "deg/s", "rad": "rad",
     "s": "s", "ms": "ms", "N": "N", "N_s": "N/s", "J": "J",
 }  # fmt: skip
-"""Units by the ending of a key in metrics.json."""
+"""Units by the last part of a key in metrics.json."""
 _UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
 COUNTED = {"status": "ticks", "reasons": "ticks", "relaxed": "ticks", "status_fraction": "% of ticks"}
-"""Tables of counted events, with the unit of the count."""
+"""Keys of metrics.json whose tables count events, with the unit of the count."""
 USUAL = "ok"
 SHARE, OF_LIMIT = "_fraction", "_fraction_of_limit"
 TRACE = "trace.csv"
@@ -53,14 +53,15 @@ def run_trials(
 
     Parameters
     ----------
+    config : the problem file. outcome : result of the run.
     options : options of the run; None counts as not given.
     files : files that the run has written.
-    seconds : computing time.
+    seconds : computing time [s].
     """
     given = {key: value for key, value in options.items() if value is not None}
     text = config.path.read_text(encoding="utf-8")
     said = [f"# --{key} {value}" for key, value in given.items()]
-    if ".toml" in text:  # a recording's description is not in it
+    if ".toml" in text:  # a recording's .toml adds keys that are not in the text
         said.append(f"# as it was read: {config.problem.model_dump_json(exclude_defaults=True)}")
     text = "\n".join([*said, text])
     run = Trial(
@@ -75,12 +76,12 @@ def run_trials(
 
 
 def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[Path] = ()) -> tuple[Trial, ...]:
-    """The trials of a run's numbers: for a scenario one for each trial of each controller; else a single one.
+    """The trials in a run's metrics: one trial, or for a scenario one for each trial of each controller.
 
     Parameters
     ----------
     metrics : metrics of an outcome, as in metrics.json.
-    trial : the part that all of them share; with a digest. A controller is a condition.
+    trial : content that all trials share. A controller's name becomes the condition.
     files : files that the run has written.
     """
     stored = [*trial.files, *(StoredFile(path) for path in files)]
@@ -106,7 +107,7 @@ def metric_trials(metrics: Mapping[str, Any], trial: Trial, *, files: Sequence[P
 
 
 def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
-    """The trials of scored recordings; `how` are the arguments of the scoring.
+    """The trials of scored recordings; `how` has the arguments of the scoring.
 
     Raises
     ------
@@ -131,19 +132,19 @@ def score_trials(scored: Scored, how: Mapping[str, Any]) -> list[Trial]:
 
 
 def _samples(of: Recording) -> dict[str, Array]:
-    """Columns of a recording: time, hand, joint angles, forces."""
+    """Columns of a recording by name: time [s], hand [m], joint angles [deg], forces [N]."""
     columns = {"t_s": of.time, **{f"{axis}_m": values for axis, values in zip("xyz", of.points.T, strict=False)}}
     columns |= {f"{name}_deg": np.degrees(angles) for name, angles in of.joints.items()}
     return columns | {f"f{axis}_N": values for axis, values in zip("xyz", of.forces.T, strict=False)}
 
 
 def versions() -> str:
-    """Versions of this library, its source and the numerical libraries."""
+    """Version of rehab_opt, and a digest of its source and of the numerical libraries' versions."""
     return f"rehab_opt {__version__} {software_digest()}"
 
 
 def outline(points: Array) -> list[tuple[float, float]]:
-    """Convex hull [m] along the two axes with the largest extents; empty for a movement on a line."""
+    """Corners [m] of the convex hull in the plane of the two axes with the largest extents; empty for a line."""
     from shapely import MultiPoint, Polygon  # noqa: PLC0415
 
     axes = np.sort(np.argsort(np.ptp(points, axis=0), kind="stable")[-2:])
@@ -152,7 +153,7 @@ def outline(points: Array) -> list[tuple[float, float]]:
 
 
 def _numbers(metrics: Mapping[str, Any], *, force_limit: float | None = None) -> dict[str, Any]:
-    """Measures, bounds and events of a trial."""
+    """Measures, bounds and events in the metrics of a trial, as arguments of `Trial`."""
     known = {key: value for key, value in metrics.items() if key != "parameters"}
     numbers = {
         key: float(value)
@@ -174,7 +175,7 @@ def _named(key: str, value: float) -> tuple[str, float, str]:
 
 
 def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
-    """Measures with a limit of their own: `x_max_u` beside `x_limit_u`, and fractions of a limit."""
+    """Bounds of a trial: `x_max_u` with `x_limit_u` for a quantity x in the unit u, and fractions of a limit."""
     for key, value in numbers.items():
         name, _, unit = key.rpartition("_max_")
         limit = numbers.get(f"{name}_limit_{unit}")
@@ -185,7 +186,7 @@ def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
 
 
 def _events(metrics: Mapping[str, Any], above: str = "") -> Iterator[Event]:
-    """Number of ticks that were not "ok", by reason, of relaxed bounds, and of released forces."""
+    """Events in metrics: counts of ticks with a status other than "ok", of relaxed bounds and of released forces."""
     for key, value in metrics.items():
         if key in COUNTED and isinstance(value, Mapping):
             fraction = key.endswith(SHARE)

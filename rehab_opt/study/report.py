@@ -1,6 +1,4 @@
-"""A study, or one person of it, as one page that a therapist reads in a minute; it loads no files and runs no
-scripts.
-"""
+"""Report of a study, or of one person in a study, as one HTML page without scripts and external files."""
 
 from __future__ import annotations
 
@@ -27,7 +25,9 @@ __all__ = ["report_html", "write_pdf"]
 
 
 class Plain(NamedTuple):
-    """A measure in plain words, its better direction (1 larger, -1 smaller, 0 neither), and its possible values."""
+    """A measure in plain words, its better direction (1 larger, -1 smaller, 0 neither), and its smallest and largest
+    possible value.
+    """
 
     words: str
     better: int = 0
@@ -52,11 +52,11 @@ PLAIN = {
     "workspace_volume": Plain("Workspace used", 1, 0.0),
     "area": Plain("Workspace in reach", 1, 0.0),
 }
-"""Measures of a report, in its order; other measures are drawn only if none of these exists."""
+"""Measures in a report, in their order; other measures are drawn only if a study has none of these."""
 SCALES = {"m": (1e3, "mm"), "m^2": (1e4, "cm²"), "m^3": (1e6, "cm³"), "m/s": (1e3, "mm/s"), "1": (1.0, "")}
 MAX_DRAWN = 8
 MAX_OUTLINED = 40
-"""Largest number of outlines of a group; more would hide one another."""
+"""Largest number of drawn outlines of a group; more outlines would hide one another."""
 DAYS_OF_A_WEEK = 7
 FEWEST_FOR_A_TREND = 4
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -64,22 +64,22 @@ Means = Mapping[Quantity, Sequence[SessionMean]]
 
 
 def report_html(study: Study, person: str | None = None, *, today: datetime.date | None = None) -> str:
-    """The page as HTML.
+    """The report as HTML.
 
     Parameters
     ----------
-    person : None for all people.
-    today : the date on the page.
+    study : an open study. person : None for all people.
+    today : date on the page, by default the current one.
 
     Raises
     ------
-    ConfigurationError : unknown person.
+    ConfigurationError : the person is unknown.
     """
     import jinja2  # noqa: PLC0415
 
     if person is not None:
         summary.check_there(study, person)
-    # What is not printable goes as its escape, as on a terminal; nothing in a text is read as HTML.
+    # Unprintable characters and HTML in a study's texts are escaped.
     pages = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined,
         finalize=lambda text: printable(text) if type(text) is str else text, trim_blocks=True,
@@ -100,17 +100,17 @@ def report_html(study: Study, person: str | None = None, *, today: datetime.date
 
 
 def write_pdf(page: Path, pdf: Path) -> None:
-    """Print a page to PDF with an installed browser, without a network.
+    """Print a page to PDF with an installed browser.
 
     Raises
     ------
-    ConfigurationError : there is no browser, or it cannot print.
+    ConfigurationError : there is no browser, or the browser cannot print the page.
     """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         raise ConfigurationError("--pdf", str(pdf), f"one of {', '.join(BROWSERS)} on this machine, to print the page")
     root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
-    with tempfile.TemporaryDirectory() as profile:  # what the browser remembers of the page goes with it
+    with tempfile.TemporaryDirectory() as profile:  # the browser's cache of the page is deleted, too
         made = Path(profile) / "report.pdf"
         command = [browser, "--headless=new", *root, f"--user-data-dir={profile}", "--no-pdf-header-footer"]
         command += ["--disable-gpu", f"--print-to-pdf={made}", page.resolve().as_uri()]
@@ -132,7 +132,7 @@ def _plain(of: Quantity) -> Plain:
 
 
 def _possible(of: Interval, measure: Quantity, factor: float = 1.0) -> Interval:
-    """An interval within the possible values of its measure: no movement has fewer than one velocity peak."""
+    """A confidence interval, cut to the possible values of its measure."""
     low, high = (factor * limit for limit in _plain(measure)[2:])
     if not low <= of.mean <= high or math.isnan(of.lower):
         return of
@@ -140,19 +140,19 @@ def _possible(of: Interval, measure: Quantity, factor: float = 1.0) -> Interval:
 
 
 def _scale(of: Quantity) -> tuple[float, str]:
-    """Factor to the displayed unit of a measure, and that unit."""
+    """Factor from a measure's unit to its displayed unit, and the displayed unit."""
     return SCALES.get(of.unit, (1.0, of.unit))
 
 
 def _title(of: Quantity, *, unit: bool = False) -> str:
-    """Title in plain words, with the object of the measure and the displayed unit."""
+    """Title of a measure in plain words, with the measured object and the displayed unit."""
     inside = of.name.removesuffix(_key(of)).strip(".").replace(".", ", ") if _key(of) in PLAIN else ""
     title = f"{_plain(of).words} ({inside})" if inside else _plain(of).words
     return f"{title} [{_scale(of)[1]}]" if unit and _scale(of)[1] else title
 
 
 def _table(head: str, rows: Iterable[Sequence[object]]) -> dict[str, Any]:
-    """A table with the columns in `head`, separated by commas; an empty cell is a dash."""
+    """A table with the comma-separated column names in `head`; a dash stands for a missing cell."""
     return {"head": head.split(", "), "rows": [["-" if cell is None else cell for cell in row] for row in rows]}
 
 
@@ -168,10 +168,10 @@ def _facts(study: Study, person: str | None) -> str:
 
 
 def _changes(means: Means) -> dict[str, Any]:
-    """One row for each measure and condition: first and last session, and whether the change is clear.
+    """Table of changes: for each measure and condition, the first and last session, and whether the change is clear.
 
-    With four sessions or more, a change is clear if the confidence interval of the slope excludes zero; with fewer, if
-    the confidence intervals of the first and the last mean do not overlap.
+    With four or more sessions, a change is clear if the confidence interval of the slope excludes zero. With fewer
+    sessions, a change is clear if the confidence intervals of the first and last mean do not overlap.
     """
     rows = []
     for measure, of in means.items():
@@ -197,7 +197,7 @@ def _changes(means: Means) -> dict[str, Any]:
 
 
 def _charts(means: Means, *, single: bool) -> dict[str, Any]:
-    """A chart of each measure over the sessions, for each condition."""
+    """Chart of each measure over the sessions, with a line for each condition and group."""
     every = [each for of in means.values() for each in of]
     alone = single or len({each.group for each in every}) == 1
 
@@ -240,7 +240,10 @@ def _day(of: SessionMean) -> int:
 
 
 def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | None:
-    """Weeks from a person's first day, if every session has a date and at least one person has sessions over weeks."""
+    """Function that returns the weeks since a person's first session.
+
+    None if a session has no date, or no person has sessions over a week or longer.
+    """
     if not all(each.date for each in means):
         return None
     days: dict[str, list[int]] = defaultdict(list)
@@ -253,7 +256,10 @@ def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | Non
 
 
 def _ground(study: Study, person: str | None) -> Iterator[dict[str, str]]:
-    """For a person each session's area, from light to dark, first and last in colour; for groups only these two."""
+    """Figures of the areas that the hand covered: each session of a person, or the first and last sessions of a group.
+
+    Later sessions of a person are darker; the first session is orange.
+    """
     from shapely import MultiPoint  # noqa: PLC0415
 
     groups: dict[str, list[list[Any]]] = defaultdict(list)
@@ -296,7 +302,7 @@ def _trends(means: Means) -> dict[str, Any]:
 
 
 def _contrasts(means: Means) -> dict[str, Any]:
-    """For people with two conditions, the difference between the conditions within each person."""
+    """Table of differences between two conditions within each person, as means over people."""
     rows = []
     for measure, of in means.items():
         own = {name: summary.of_people(part) for name, part in grouped(of, _condition).items()}
@@ -330,7 +336,7 @@ def _people(study: Study, person: str | None) -> dict[str, Any]:
 
 
 def _safety(study: Study, person: str | None) -> dict[str, str]:
-    """Events and bounds in one line: green only if bounds are known and all of them were satisfied."""
+    """One sentence on events and bounds; an alarm if there was an event or a value passed its bound."""
     found, limits = summary.events(study, person), summary.bounds(study, person)
     stating, trials = summary.stating_safety(study, person)
     passed = sum(over for *_, over, _ in limits)
@@ -345,7 +351,7 @@ def _safety(study: Study, person: str | None) -> dict[str, str]:
 
 
 def _bounds(study: Study, person: str | None) -> dict[str, Any]:
-    """Smallest distances to bounds, kinds of safety events, and each event."""
+    """Tables of the values that came closest to their bounds, of the kinds of safety events, and of all events."""
     limits, found = summary.bounds(study, person), summary.events(study, person)
     nearest = [
         [
@@ -378,7 +384,7 @@ def _condition(of: SessionMean) -> str:
 
 
 def _number(value: float, *, within: float = 0.0) -> str:
-    """Three significant digits, or as many more as distinguish numbers `within`."""
+    """Number with three significant digits, or more if needed to distinguish numbers that differ by `within`."""
     if not math.isfinite(value):
         return "-"
     figures = 3

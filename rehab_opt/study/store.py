@@ -1,4 +1,4 @@
-"""A study is a folder of trials, each complete or absent, written by any number of processes; queries go to its index.
+"""A study is a folder of trials; several processes can write trials at the same time, and queries use an index.
 
 study/P01/person.json                 {"group": "stroke"}
 study/P01/week 1/session.json         {"visit": 1, "date": "2026-11-23"}
@@ -40,12 +40,12 @@ class Study(Index):
 
     Parameters
     ----------
-    folder : is created if it is missing; only its owner may enter.
-    create : False refuses a missing folder.
+    folder : folder of the study; only its owner gets access.
+    create : whether a missing folder is created.
 
     Raises
     ------
-    ConfigurationError : the folder is no study, or cannot be read.
+    ConfigurationError : the folder is not a study, or cannot be read.
     """
 
     def __init__(self, folder: str | Path, *, create: bool = True) -> None:
@@ -54,7 +54,7 @@ class Study(Index):
         try:
             if create and not mark.exists() and not (folder.exists() and any(folder.iterdir())):
                 folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-                with suppress(FileExistsError), mark.open("x", encoding="utf-8") as made:  # another process was first
+                with suppress(FileExistsError), mark.open("x", encoding="utf-8") as made:  # may race another process
                     made.write("{}\n")
                 mark.chmod(0o600)
             if not mark.is_file():
@@ -71,7 +71,7 @@ class Study(Index):
         super().__init__(folder)
 
     def __enter__(self) -> Self:
-        """The study."""
+        """Return the study itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -84,26 +84,26 @@ class Study(Index):
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Context in which no other process writes.
+        """Context in which no other process writes to the study.
 
         Raises
         ------
-        ConfigurationError : a folder that cannot be written to.
+        ConfigurationError : the folder cannot be written to.
         """
         with self.refusals(), self.transaction():
             yield
 
     def add(self, session: Session, trials: Trial | Sequence[Trial]) -> int:
-        """Write trials, one after the other; returns the number of new ones.
+        """Store trials in a session and return the number of new trials.
 
-        A finished trial of the session with the same digest is not written again; a failed one is replaced. Covariates
-        of a session or a person that are not given now stay unchanged.
+        If the session has a finished trial with the same digest, the trial is not stored again. A failed trial with the
+        same digest is replaced. Group, visit and date that are None here stay as they are in the study.
 
         Raises
         ------
-        ConfigurationError : group, visit or date differ from those in the study; a folder that cannot be written to.
+        ConfigurationError : group, visit or date differ from those in the study, or the folder cannot be written to.
         """
-        new, copies = 0, dict[int, Path]()  # a trace that several trials have lies on the disk once
+        new, copies = 0, dict[int, Path]()  # trials with the same trace share one file on the disk
         with self.writing():
             home = self._room(session)
             self.read(session.person, session.name)
@@ -122,14 +122,14 @@ class Study(Index):
         return new
 
     def check(self, session: Session) -> None:
-        """Raise the errors of `add` for a session and its folder, without writing."""
+        """Raise the errors that `add` would raise for a session, without writing."""
         with self.writing():
             _agreed(self.folder / session.person / PERSON, {"group": session.group}, session.person)
             dated = {"visit": session.visit, "date": session.date}
             _agreed(self.folder / session.person / session.name / SESSION, dated, session.name)
 
     def admit(self, sessions: Iterable[Session]) -> list[ConfigurationError | None]:
-        """Create the folders of sessions; for each None, or the reason why it does not fit."""
+        """Create the folders of sessions; return for each session None, or the error if it contradicts the study."""
         refusals: list[ConfigurationError | None] = []
         with self.writing():
             for session in sessions:
@@ -142,7 +142,7 @@ class Study(Index):
         return refusals
 
     def _room(self, session: Session) -> Path:
-        """The folder of a session, created with the known facts about person and session."""
+        """Create the folder of a session, with the files that describe person and session."""
         home = self.folder / session.person / session.name
         files = {
             home.parent / PERSON: _agreed(home.parent / PERSON, {"group": session.group}, session.person),
@@ -155,8 +155,8 @@ class Study(Index):
         return home
 
     def _write(self, trial: Trial, home: Path, copies: dict[int, Path]) -> None:
-        """The trial's folder, with the next free number; it has a temporary name until it is complete on disk."""
-        shutil.rmtree(home / PARTIAL, ignore_errors=True)  # of a process that was killed
+        """Write a trial's folder with the next free number; the folder has a temporary name until it is complete."""
+        shutil.rmtree(home / PARTIAL, ignore_errors=True)  # left by a killed process
         numbers = [int(each) for each in os.listdir(home) if each.isascii() and each.isdecimal()]
         scratch, target = home / PARTIAL, home / f"{1 + max(numbers, default=0):03}"
         scratch.mkdir()
@@ -166,20 +166,20 @@ class Study(Index):
             if source is not None and id(source) in copies:
                 try:
                     os.link(copies[id(source)], scratch / name)
-                except OSError:  # a disk without links
+                except OSError:  # the file system has no hard links
                     shutil.copyfile(copies[id(source)], scratch / name)
             elif source is not None:
                 private(scratch / name, source.read_bytes() if isinstance(source, Path) else _table(source))
                 copies[id(source)] = target / name
         private(scratch / TRIAL, trial_format().dump_json(_storable(trial), indent=1, exclude={"trace"}))
         scratch.rename(target)
-        if os.name == "posix":  # its name, too, outlives a cut of power
+        if os.name == "posix":  # makes the new name survive a power failure
             at = os.open(home, os.O_RDONLY)
             os.fsync(at)
             os.close(at)
 
     def _known_by(self, trial: Trial, folder: Path) -> None:
-        """Add external files to those of an existing trial: they are removed with the person, too."""
+        """Add files outside the study to an existing trial, so that they are removed with the person."""
         (before,) = trials_in(folder)
         files = dict.fromkeys((*before.files, *_storable(trial).files))
         if len(files) > len(before.files):
@@ -188,18 +188,18 @@ class Study(Index):
 
 
 def private(path: Path, content: str | bytes) -> Path:
-    """Write a file that only its owner may read: completely, or not at all."""
+    """Write a file that only its owner may read, either completely or not at all."""
     return write_whole(path, content.encode() if isinstance(content, str) else content, mode=0o600)
 
 
 def _storable(trial: Trial) -> Trial:
-    """The trial with absolute paths, and without missing numbers."""
+    """The trial with absolute paths, and without measures that are not finite."""
     files = [each._replace(path=each.path.absolute()) for each in trial.files]
     return replace(trial, files=files, measures=[each for each in trial.measures if math.isfinite(each[1])])
 
 
 def _agreed(file: Path, facts: Mapping[str, Any], who: str) -> dict[str, Any]:
-    """Content of a file together with new facts.
+    """Content of a JSON file together with new facts about a person or session.
 
     Raises
     ------

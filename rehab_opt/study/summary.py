@@ -1,4 +1,4 @@
-"""Numbers of a study: sessions of each person, course of a measure, extreme trials, distances to bounds."""
+"""Statistics of a study: sessions of each person, measures over sessions, extreme trials, distances to bounds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.name"
 
 
 class Interval(NamedTuple):
-    """A mean and its 95 % confidence interval (Student's t), of `n` values; its ends are NaN for one value."""
+    """Mean of `n` values with its 95 % confidence interval (Student's t); NaN ends for a single value."""
 
     mean: float
     lower: float
@@ -36,7 +36,7 @@ class Interval(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """A measure by its name and unit; the unit is "" if the name includes it, or if there is none."""
+    """A measure by name and unit; the unit is "" if the measure has none or the name includes it."""
 
     id: int
     name: str
@@ -44,12 +44,15 @@ class Quantity(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name and unit."""
+        """Name with the unit in brackets, if there is one."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 class SessionMean(NamedTuple):
-    """One person's session under one condition: its number, from 0, its trials' values, and their mean."""
+    """Mean of a measure over the trials of one session under one condition.
+
+    `order` is the session's number for the person, from 0; `values` are the values of the trials.
+    """
 
     person: str
     group: str | None
@@ -62,16 +65,16 @@ class SessionMean(NamedTuple):
 
 
 def interval(values: Sequence[float]) -> Interval:
-    """Mean of values and its 95 % confidence interval, for independent, normal values."""
+    """Mean of values with its 95 % confidence interval, for independent, normally distributed values."""
     n = len(values)
     mean = math.fsum(values) / n if n else math.nan
-    # hypot, since squares of what is absurdly large are no numbers any more
+    # hypot does not overflow for very large values
     spread = math.hypot(*(value - mean for value in values)) / math.sqrt((n - 1) * n) if n > 1 else math.nan
     return _within(mean, spread, n - 1, n)
 
 
 def trend(means: Sequence[float]) -> Interval:
-    """Slope of a straight line through a sequence of at least three values, and its 95 % confidence interval."""
+    """Slope of the least-squares line through at least three equally spaced values, with its 95 % interval."""
     n, slope = len(means), _slope(range(len(means)), means)
     x, y = (n - 1) / 2, math.fsum(means) / n
     rest = math.hypot(*(value - y - slope * (i - x) for i, value in enumerate(means)))
@@ -96,24 +99,24 @@ def _slope(x: Sequence[int], y: Sequence[float]) -> float:
 
 
 def check_there(study: Study, person: str) -> None:
-    """Raise an error for an unknown person.
+    """Check that a person is in the study.
 
     Raises
     ------
-    ConfigurationError : unknown person.
+    ConfigurationError : the person is unknown.
     """
     if not study.rows("SELECT 1 FROM sessions WHERE person = ?", (person,)):
         raise ConfigurationError("--person", person, "somebody in this study (rehab-opt study list says who)")
 
 
 def overview(study: Study) -> Any:
-    """Number of people, sessions and trials, number of unfinished trials, first and last day."""
+    """Numbers of people, sessions, trials and unfinished trials, first day and last day of a study."""
     counts = "count(DISTINCT person), count(*), (SELECT count(*) FROM trials), (SELECT count(*) FROM trials WHERE"
     return study.rows(f"SELECT {counts} status <> ?), min(date), max(date) FROM sessions", (DONE,))[0]
 
 
 def people(study: Study, person: str | None = None) -> list[Any]:
-    """All people by name, or one: name, group, sessions, trials and the last day."""
+    """Rows of all people in the order of their names, or of one: name, group, sessions, trials, last day."""
     of, who = _of_person(person)
     question = (
         'SELECT s.person, s."group", count(DISTINCT s.id), count(t.id), max(s.date) FROM sessions s '
@@ -123,7 +126,7 @@ def people(study: Study, person: str | None = None) -> list[Any]:
 
 
 def quantities(study: Study, person: str | None = None) -> list[Quantity]:
-    """Measures of all people or of one, in order of first occurrence."""
+    """Measures of all people or of one person, in order of first occurrence."""
     of, who = _of_person(person)
     measured = f"{FROM} JOIN measures m ON m.trial = t.id JOIN quantities q ON q.id = m.quantity WHERE {of}"
     question = "FROM quantities q" if person is None else measured
@@ -131,11 +134,11 @@ def quantities(study: Study, person: str | None = None) -> list[Quantity]:
 
 
 def quantity(study: Study, name: str) -> Quantity:
-    """The measure with a name, or with `name [unit]`.
+    """The measure with a name, or with a name and unit such as "speed [m/s]".
 
     Raises
     ------
-    ConfigurationError : there is no such measure, or it has two units.
+    ConfigurationError : there is no such measure, or there are several with this name and different units.
     """
     known = quantities(study)
     found = [each for each in known if name in (each.name, f"{each.name} [{each.unit}]")]
@@ -148,7 +151,7 @@ def quantity(study: Study, name: str) -> Quantity:
 
 
 def sessions(study: Study, person: str) -> list[Any]:
-    """A person's sessions and conditions: name, visit, day, condition, trials, unfinished trials."""
+    """Rows of a person's sessions and conditions: name, visit, day, condition, trials, unfinished trials."""
     question = (
         "SELECT s.name, s.visit, s.date, t.condition, count(t.id), coalesce(sum(t.status <> ?1), 0) FROM sessions s "
         "LEFT JOIN trials t ON t.session = s.id "
@@ -163,10 +166,10 @@ def session_means(
     person: str | None = None,
     ends: Callable[[Quantity], tuple[float, float]] = lambda _: (-math.inf, math.inf),
 ) -> dict[Quantity, list[SessionMean]]:
-    """For each measure the mean of every session under each condition, in the order of the sessions.
+    """Means of measures over the trials of each session and condition, in the order of the sessions.
 
-    Unfinished trials, trials without the number, and values outside the `ends` of their measure do not count. The
-    values are included only for a single person.
+    Unfinished trials and values outside the `ends` of a measure do not count. Only for a single person, `values` has
+    the values of the trials.
     """
     of, who = _of_person(person)
     question = (
@@ -186,12 +189,12 @@ def session_means(
 
 
 def _of_person(person: str | None) -> tuple[str, tuple[str, ...]]:
-    """Condition of a query that selects one person, if given; it has no OR, for which no index helps."""
+    """SQL condition that selects one person or all people; it avoids OR, which SQLite's indices do not support."""
     return ("1", ()) if person is None else ("s.person = ?", (person,))
 
 
 def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> dict[T, list[SessionMean]]:
-    """Sessions grouped by `key`, in its order."""
+    """Session means grouped by `key`, with the keys in order."""
     found: dict[T, list[SessionMean]] = defaultdict(list)
     for each in means:
         found[key(each)].append(each)
@@ -199,13 +202,13 @@ def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> di
 
 
 def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
-    """Each person's mean over their sessions."""
+    """Mean of each person over the person's sessions."""
     by_person = grouped(means, lambda each: each.person)
     return {person: math.fsum(each.mean for each in own) / len(own) for person, own in by_person.items()}
 
 
 def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
-    """Slope of each person's straight line through their sessions [per session]; with at least two sessions."""
+    """Slope per session of the least-squares line through each person's sessions, for people with two or more."""
     by_person = grouped(means, lambda each: each.person)
     found = {
         person: _slope([each.order for each in own], [each.mean for each in own]) for person, own in by_person.items()
@@ -214,12 +217,12 @@ def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, largest: bool, person: str | None) -> Any:
-    """The finished trial with the largest or smallest value of a measure within `ends`:
+    """Finished trial with the largest or smallest value of a measure within `ends`; None if there is none.
 
-    its person, session, day, number, condition and value; None if there is none.
+    The row has person, session, day, number of the trial, condition and value.
     """
     of, who = _of_person(person)
-    question = (  # SQLite takes the bare columns from the row of the extreme
+    question = (  # beside max or min, SQLite returns the other columns of the same row
         f"SELECT s.person, s.name, s.date, t.number, t.condition, {'max' if largest else 'min'}(m.value) {FROM} "
         f"JOIN measures m ON m.trial = t.id WHERE {of} AND m.quantity = ? AND t.status = ? AND m.value BETWEEN ? AND ?"
     )
@@ -228,7 +231,7 @@ def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, large
 
 
 def events(study: Study, person: str | None = None) -> list[Any]:
-    """Every safety event: person, session, day and number of the trial; kind, count, and unit of the count."""
+    """Rows of all safety events: person, session, day, number of the trial, kind, count, unit of the count."""
     of, who = _of_person(person)
     question = (
         f"SELECT s.person, s.name, s.date, t.number, e.text, e.times, e.unit {FROM} JOIN events e ON e.trial = t.id "
@@ -238,9 +241,9 @@ def events(study: Study, person: str | None = None) -> list[Any]:
 
 
 def bounds(study: Study, person: str | None = None) -> list[Any]:
-    """For each limit the closest approach of any trial, the closest of all first:
+    """Rows of all bounds with the value of any trial that came closest, sorted by closeness.
 
-    name, value, bound, unit, number of trials that passed it, number of all its trials.
+    A row has name, value, bound, unit, number of trials beyond the bound, and number of trials with this bound.
     """
     of, who = _of_person(person)
     question = (
@@ -251,7 +254,7 @@ def bounds(study: Study, person: str | None = None) -> list[Any]:
 
 
 def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
-    """Number of trials that state a bound or a safety event, and number of all trials."""
+    """Number of trials with a bound or a safety event, and number of all trials."""
     of, who = _of_person(person)
     states = "(EXISTS (SELECT 1 FROM bounds WHERE trial = t.id) OR EXISTS (SELECT 1 FROM events WHERE trial = t.id))"
     ((stating, trials),) = study.rows(f"SELECT coalesce(sum({states}), 0), count(*) {FROM} WHERE {of}", who)
@@ -259,9 +262,9 @@ def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
 
 
 def ground(study: Study, person: str | None = None) -> dict[tuple[str, str], dict[str, Any]]:
-    """By group and person, then by session in order, the corners [m] of the area that the hand covered.
+    """Corners [m] of the area that the hand covered, by group and person, then by session in order.
 
-    For all people only the first and the last session, if there are two.
+    Without a `person`, only the first and the last session of each person are included.
     """
     of, who = _of_person(person)
     places = "o.sessions > 1 AND o.place IN (1, o.sessions)" if person is None else "1"

@@ -1,4 +1,4 @@
-"""Content of a trial in a study, and of its session."""
+"""Data of a trial and of a session in a study."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["DONE", "Bound", "Event", "ProblemText", "Session", "StoredFile", "Tr
 
 DONE = "done"
 LONGEST_LABEL, LONGEST_FOLDER = 100, 200
-"""Largest number of characters of a label, and of bytes if it names a folder."""
+"""Largest number of characters of a label, and largest number of bytes of a label that names a folder."""
 MAX_VISIT = 10_000
 FORBIDDEN = frozenset('/\\:*?"<>|')
 OWN = frozenset({"study.json", "index.db", "index.db-journal"})
 
 
 class Bound(NamedTuple):
-    """A limit of a trial, and the value closest to it; both in `unit`."""
+    """A bound of a trial and the value that came closest to it, both in `unit`."""
 
     name: str
     value: float
@@ -33,7 +33,7 @@ class Bound(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A safety event: its kind, and its count in `unit`."""
+    """A safety event of a trial: kind, and count in `unit`."""
 
     text: str
     times: float
@@ -41,10 +41,10 @@ class Event(NamedTuple):
 
 
 class StoredFile(NamedTuple):
-    """A file outside the study that contains a trial.
+    """A file outside the study that contains data of a trial.
 
-    A "result" was written by this library and is removed with the person; a "recording" belongs to others and stays; a
-    "table" has a row for each of many people.
+    If the person is removed from the study, a "result" is deleted, a "recording" stays, and a "table" loses the
+    person's row.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class StoredFile(NamedTuple):
 
 
 class ProblemText(NamedTuple):
-    """A problem as it was run: TOML from a file, or JSON from the row of a table."""
+    """Name and text of a problem as it was run: TOML of a file, or JSON of a table's row."""
 
     name: str
     text: str
@@ -60,20 +60,20 @@ class ProblemText(NamedTuple):
 
 @dataclass(frozen=True)
 class Session:
-    """One visit of one person; person and name are folders of the study.
+    """One session of one person; the study has a folder for the person, and in it a folder for the session.
 
     Parameters
     ----------
-    person : pseudonym such as "P01", without blanks, commas or @: a study has no names and no addresses.
-    name : of the session, unique for the person.
-    group : of the person, such as "stroke".
+    person : pseudonym such as "P01", without blanks, commas or @, so that it is not a real name or an address.
+    name : name of the session, unique for the person.
+    group : group of the person, such as "stroke".
     visit : number of the visit, 0 or more.
-    date : in ISO format, such as 2026-11-23.
+    date : date in ISO format, such as 2026-11-23.
 
     Raises
     ------
-    ConfigurationError : a label that `checked_label` refuses or that cannot name a folder, a person that looks like a
-        name, an invalid visit or date.
+    ConfigurationError : a label is invalid or cannot name a folder, the pseudonym looks like a real name, or the visit
+        or the date is invalid.
     """
 
     person: str
@@ -83,7 +83,7 @@ class Session:
     date: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise an error for invalid values."""
+        """Check all values."""
         for argument, label in (("person", self.person), ("session", self.name)):
             bad = FORBIDDEN & set(checked_label(argument, label)) or label[0] == "." or label[-1] == "." or label in OWN
             if bad or len(label.encode()) > LONGEST_FOLDER:
@@ -106,21 +106,21 @@ class Session:
 
 @dataclass(frozen=True)
 class Trial:
-    """A finished trial; a study stores all of it or none.
+    """A finished trial.
 
     Parameters
     ----------
     kind : source of the trial: "run", "many", "score" or "live".
-    measures : names, numbers and units, such as `Measure`; a number that is not finite is left out, with a note.
+    measures : measures, each with name, number and unit; numbers that are not finite are not stored.
     condition : condition of the trial, such as "assisted".
-    digest : digest of all inputs: a session has at most one trial with each digest. None for a trial that cannot be
-        repeated.
+    digest : digest of all inputs; a session stores each digest once. None for a trial that cannot be repeated.
     status : "done", or another status with a reason in `error`.
-    seconds : computing time [s].
+    seconds : computing time [s]. notes : notes of the run.
     problem, software : the problem of the run, and the versions of the software.
-    trace : samples, which the study copies: a .csv, or columns (N,) by name.
+    trace : samples, which the study copies: path of a .csv file, or columns (N,) by name.
     files : files outside the study; a metrics.json among them is copied, too.
-    outline : closed polygon (N, 2) [m] of the area that the hand covered.
+    bounds, events : bounds with the values that came closest to them, and safety events.
+    outline : corners (N, 2) [m] of the area that the hand covered.
     """
 
     kind: str
@@ -140,7 +140,7 @@ class Trial:
     outline: Sequence[tuple[float, float]] = ()
 
     def __post_init__(self) -> None:
-        """Raise an error for an invalid condition, a repeated measure, and numbers that a report cannot print."""
+        """Check the condition, that each measure occurs once, and that bounds and events have finite numbers."""
         if self.condition is not None:
             checked_label("condition", self.condition)
         names = [(name, unit) for name, _, unit in self.measures]
@@ -153,17 +153,17 @@ class Trial:
                 raise ConfigurationError(what, number, "a finite number")
 
     def under(self, condition: str | None) -> Trial:
-        """The trial with a condition prefixed to its own, such as a controller's name; unchanged for None."""
+        """The trial with `condition` in front of its own condition, separated by a comma; unchanged for None."""
         return replace(self, condition=", ".join(filter(None, (condition, self.condition))) or None)
 
 
 def checked_label(argument: str, label: str) -> str:
-    """A checked pseudonym, session, group or condition.
+    """Check a pseudonym, session, group or condition and return it.
 
     Raises
     ------
-    ConfigurationError : not a text, empty, longer than 100 characters, not printable, with blanks at an end, or a
-        formula for a spreadsheet, since these appear in tables.
+    ConfigurationError : the label is not a text, is empty, has more than 100 characters, is not printable, has blanks
+        at an end, or would be a formula in a spreadsheet.
     """
     ok = isinstance(label, str) and 0 < len(label) <= LONGEST_LABEL and not is_formula(label)
     if not (ok and label.isprintable() and label == label.strip()):

@@ -1,4 +1,4 @@
-"""Bodies of arms in space for the page: coloured capsules."""
+"""Shapes that the page of `rehab-opt live` draws: arms as coloured capsules, boxes and planes."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
     "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",
 )  # fmt: skip
 WIDE = 0.5
-"""[m] Half the drawn edge of a plane."""
+"""Half the edge length [m] of the square that represents a plane."""
 LIT = "#aab5c0"
 STICK = 0.035
-"""[m] Radius of an arm without capsules of its own."""
+"""Radius [m] of the links of an arm without capsules."""
 SHORT = 1e-6
-"""[m] Frames closer than this have no link between them."""
+"""Distance [m] of two frames below which no link is drawn between them."""
 CLOSE, AWAY = math.radians(5.0), math.radians(20.0)
-"""[rad] Margin to a limit: red up to the first value, amber up to the second."""
+"""Margins [rad] to a joint limit: a joint is red below the first and amber below the second."""
 
 
 def near_limit(margin: float) -> str:
@@ -56,7 +56,7 @@ def near_limit(margin: float) -> str:
 
 
 def joint_rows(chain: SerialChain) -> list[dict[str, Any]]:
-    """Names and limits [rad] of the moving joints with limits, for the page's bars."""
+    """Names and limits [rad, m] of the joints that can move, for the bars of the page."""
     return [
         {"index": i, "name": name.replace("_", " "), "lower": low, "upper": high, "angle": not chain.rows[i].prismatic}
         for i, (name, low, high) in enumerate(zip(chain.names, chain.lower.tolist(), chain.upper.tolist(), strict=True))
@@ -65,9 +65,9 @@ def joint_rows(chain: SerialChain) -> list[dict[str, Any]]:
 
 
 def screen(points: Array) -> dict[str, Any]:
-    """The plane that shows a path (N, 3) [m] best, for the participant: centre, axes, half sizes [m].
+    """The plane in which the participant's page shows a path (N, 3) [m]: centre, axes u and v, half width [m].
 
-    The second axis points up, or along y for a horizontal plane.
+    The plane is the one closest to the path. v points up; in a horizontal plane it points along y.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     normal = np.linalg.svd(points - centre, full_matrices=True)[2][2]
@@ -81,7 +81,7 @@ def screen(points: Array) -> dict[str, Any]:
 
 
 def kept_off(middle: Array, bodies: Sequence[Clearance], planes: Sequence[KeepOut] = ()) -> dict[str, Any]:
-    """Bodies of the scene that an arm avoids; planes are drawn around `middle` (3,) [m]."""
+    """Shapes of the bodies and planes that an arm avoids; planes are drawn as squares around `middle` (3,) [m]."""
     planes = [*planes, *(plane for each in bodies for plane in each.planes)]
     told = (
         (planes, RED, "planes to keep off"),
@@ -102,12 +102,12 @@ def kept_off(middle: Array, bodies: Sequence[Clearance], planes: Sequence[KeepOu
 
 
 def moving_rows(told: Array) -> list[list[Any]]:
-    """Capsules from the numbers (k, 14) of `moving_numbers`."""
+    """Capsules of k moving bodies, from the numbers (k, 14) of `moving_numbers`."""
     return [[*each[:6].round(4).tolist(), float(each[12]), PURPLE] for each in told]
 
 
 def sides(box: Box) -> Array:
-    """(6, 4, 3) corners of the box's sides [m]."""
+    """Corners (6, 4, 3) [m] of the six sides of a box."""
     x, y, z = (np.array(box.turn) * box.size / 2).T
     ways = ((x, y, z), (-x, y, z), (y, z, x), (-y, z, x), (z, x, y), (-z, x, y))
     return np.array([_rectangle(box.centre + out, u, v) for out, u, v in ways])
@@ -127,11 +127,11 @@ def _rectangle(middle: Array, u: Array, v: Array) -> Array:
 
 
 class ArmBodies:
-    """The capsules of an arm, or sticks between its joints if it has none, at any joint positions.
+    """Capsules of an arm at any joint positions; an arm without capsules gets sticks between its joints.
 
     Parameters
     ----------
-    chain : the arm. radius : [m] radius of the sticks. first : number of its first joints without a stick.
+    chain : kinematics of the arm. radius : radius of the sticks [m]. first : number of first joints without a stick.
     """
 
     def __init__(self, chain: SerialChain, *, radius: float = STICK, first: int = 0) -> None:
@@ -142,13 +142,16 @@ class ArmBodies:
         self._capsules: Sequence[LinkCapsule] = chain.capsules
 
     def frames(self, q: ArrayLike) -> Array:
-        """(n + 2, 3, 4) base, each joint, and tool."""
+        """Poses (n + 2, 3, 4) of the base, of each joint and of the tool, at joint positions q (n,)."""
         return (
             np.array(self._frames(np.asarray(q, dtype=np.float64))).reshape(3, self.chain.n + 2, 4).transpose(1, 0, 2)
         )
 
     def capsules(self, q: ArrayLike, colours: Sequence[str] | str = ROBOT) -> list[list[Any]]:
-        """Rows of start, end, radius, colour; `colours` is one for all, or one for each joint and its link."""
+        """Capsules at joint positions q (n,), each with start, end, radius [m] and colour.
+
+        `colours` is one colour for all links, or one for each joint and its link.
+        """
         frames = self.frames(q)
         if self._capsules:
             bodies = [
@@ -169,5 +172,5 @@ class ArmBodies:
         ]
 
     def tool(self, q: ArrayLike) -> Array:
-        """(3, 4) pose of the tool without its last row."""
+        """Pose (3, 4) of the tool, without the last row, at joint positions q (n,)."""
         return np.asarray(self.frames(q)[-1])

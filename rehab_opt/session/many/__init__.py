@@ -1,1 +1,1 @@
-"""Batch runs: one problem for each person, on every core or on a cluster."""
+"""Batch runs of one problem for many people, on all cores of a machine or on a cluster."""

@@ -1,4 +1,4 @@
-"""One person of a batch, and the work for them: it writes no files, so it can run on another machine."""
+"""One person of a batch, and the computation for this person, which can run on another machine."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ __all__ = [
 
 
 COVARIATES = ("session", "group", "condition", "visit", "date")
-"""Columns of a table that are not keys of a problem; they label the results for a study and `groups.csv`."""
+"""Columns of a table that are labels for a study and for `groups.csv`, not keys of a problem."""
 LONGEST_NAME = 100
-FORBIDDEN = frozenset('/\\:*?"<>|')  # in a folder's name, on one system or another
+FORBIDDEN = frozenset('/\\:*?"<>|')  # characters that some systems forbid in a folder's name
 
 
 @dataclass(frozen=True)
 class Participant:
-    """One person's problem, not yet validated.
+    """Problem of one person, not yet validated.
 
     Parameters
     ----------
     name : name of the person and of the results folder.
     content : content of the problem file, as parsed from TOML.
-    file : name of the file in errors.
-    path : path of the file; recordings are relative to it.
-    error : why this person's problem cannot run; "" if no reason is known yet.
+    file : name of the problem file in error messages.
+    path : path of the problem file; paths of recordings are relative to its folder.
+    error : reason why the problem cannot run; "" if none is known yet.
     inputs : cells of the person's row in a table, by dotted key.
-    covariates : values of `COVARIATES` in the row.
+    covariates : values of the columns `COVARIATES` in the person's row.
     """
 
     name: str
@@ -68,11 +68,11 @@ class Participant:
 
 
 def checked_name(name: str, *, file: object, key: str) -> str:
-    """A name that can also name a folder.
+    """Check that a name can also name a folder, and return it.
 
     Raises
     ------
-    ProblemFileError : the name cannot.
+    ProblemFileError : the name cannot name a folder.
     """
     bad = (
         name.casefold() in ("results.csv", "results.parquet", "groups.csv")
@@ -89,15 +89,15 @@ def checked_name(name: str, *, file: object, key: str) -> str:
 
 
 def unnamed(place: str, name: str, *, file: str, path: Path, error: ProblemFileError) -> Participant:
-    """A person with an invalid name; the position in the input, which names no folder, replaces it."""
+    """A person with an invalid name; the position in the input is put in front of the name."""
     said = "".join("_" if letter in FORBIDDEN or not letter.isprintable() else letter for letter in shown(name))
     return Participant(f"{place}: {said}", {}, file, path, str(error))
 
 
 def without_twins(people: Sequence[Participant], *, file: object, keys: Sequence[str]) -> tuple[Participant, ...]:
-    """The people, with an error for those who share a name, since their rows could not be distinguished.
+    """The people, with an error for people who share a name; upper and lower case count as equal.
 
-    Upper and lower case count as equal, as in some file systems. `keys` are the positions of the people in the table.
+    `keys` has the positions of the people in the input, for the error messages.
     """
     of: dict[str, list[int]] = {}
     for i, person in enumerate(people):
@@ -120,13 +120,13 @@ Cell = str | float | int | bool | None
 
 @dataclass(frozen=True)
 class PersonResult:
-    """A person's result.
+    """Result of one person's problem.
 
     Parameters
     ----------
-    files : content by file name.
-    numbers : the scalar metrics, by dotted key.
-    seconds : computing time.
+    files : contents of the result's files by name.
+    numbers : scalar metrics by dotted key.
+    seconds : computing time [s].
     """
 
     files: Mapping[str, bytes]
@@ -135,7 +135,7 @@ class PersonResult:
 
 
 def work_on(participant: Participant) -> PersonResult:
-    """Run a person's problem.
+    """Run the problem of a person and return the result, without writing files.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def work_on(participant: Participant) -> PersonResult:
 
 
 def flat_numbers(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Cell]]:
-    """Scalars of nested tables by dotted key; lists of texts are joined, other lists are left out."""
+    """Scalars of nested tables by dotted key; a list of texts becomes one text, other lists are left out."""
     for key, value in metrics.items():
         if isinstance(value, Mapping):
             yield from flat_numbers(value, f"{above}{key}.")

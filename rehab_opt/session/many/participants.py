@@ -1,7 +1,6 @@
-"""The people of a batch: a folder of problem files, or a table in which each row is a problem file with some values
-replaced.
+"""The people of a batch, from a folder of problem files or from a table whose rows change values of one problem.
 
-Column `participant` names the person; every other column is a dotted key of the problem. The rules are in
+The column `participant` has the person's name; every other column is a dotted key of the problem. The rules are in
 `docs/howto/many_people.md`.
 """
 
@@ -31,18 +30,17 @@ LONGEST_TITLE = 120
 
 
 def participants_in_table(table: Path, *, problem: str = BASE) -> tuple[Participant, ...]:
-    """One person for each row.
+    """The people of a table, one for each row; an error in one row is stored in that person's `error`.
 
     Parameters
     ----------
-    table : a comma-separated file in UTF-8 with a header.
-    problem : the problem file that the rows change, or the name of a shipped one.
+    table : path of a comma-separated file in UTF-8 with a header.
+    problem : problem file whose values the rows change, or the name of a shipped problem.
 
     Raises
     ------
-    ProblemFileError : the table or the problem file cannot be read; the column `participant` is missing or occurs
-        twice; a column has no name; there are no rows. Errors of one person, including those of the name, are in that
-        person's `error`.
+    ProblemFileError : the table or the problem file cannot be read, the column `participant` is missing or occurs
+        twice, a column has no name, or there are no rows.
     """
     _, path = problem_path(problem)
     base = problem_content(path, problem)
@@ -117,7 +115,7 @@ def _person(
 
 
 def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> None:
-    """Refuse an empty cell for a segment's length that the problem lacks: the default would be another person's."""
+    """Raise an error for an empty length of an arm segment if the problem has no length: there is no safe default."""
     for key, cell in row.items():
         *places, last = key.split(".")
         if cell or places[-1:] != ["segments"]:
@@ -130,14 +128,14 @@ def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> 
 
 
 def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[str, Any]:
-    """A problem's content with values of dotted keys replaced by cells; `base` is not changed.
+    """Copy of a problem's content with the cells of a row in place of values, by dotted key.
 
     Raises
     ------
-    ProblemFileError : a key leads into a value that is no table, or gives only one end of a pair.
+    ProblemFileError : a key leads into a value that is not a table, or gives only one end of a pair.
     """
     content = copy.deepcopy(base)
-    own: set[int] = set()  # ranges of motion that this row makes up anew
+    own: set[int] = set()  # ranges of motion that this row defines
     for key, cell in given.items():
         *places, last = key.split(".")
         into: Any = content
@@ -156,16 +154,16 @@ def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[
 
 
 def cell_value(cell: str) -> Any:
-    """Value of a cell: a decimal number, true or false, a list or quoted text as in TOML, else the text itself."""
+    """Value of a cell: a decimal number, true, false, a list or quoted text as in TOML; otherwise the text itself."""
     text = cell.strip()
     try:
         check_key_depth(text, name=cell)
-        # The 0 behind it: a # would begin a comment, and of 29#0 the number 29 would be left.
+        # The 0 after the cell detects a comment: without it, 29#0 would be read as 29.
         read = tomllib.loads(f"value = [{text}, 0]")
     except (ValueError, RecursionError):
         return text
     values = read["value"]
-    if len(read) > 1 or len(values) != 2:  # lines of their own, or values that no list is around
+    if len(read) > 1 or len(values) != 2:  # the cell has further TOML lines, or several values
         return text
     value = values[0]
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -174,7 +172,7 @@ def cell_value(cell: str) -> Any:
 
 
 def _entered(into: Any, part: str, after: str, own: set[int], *, key: str, cell: str, file: str) -> Any:
-    """The value below `part`, which is created if missing; `after` are the parts below it."""
+    """The value below `part` of a key, created if missing; `after` is the next part of the key."""
     if isinstance(into, list) and part.isdecimal() and int(part) < len(into):
         return into[int(part)]
     if not isinstance(into, dict):
@@ -214,19 +212,20 @@ def _at(content: Any, places: Sequence[str]) -> Any:
 
 
 def participants_of(source: Path, *, problem: str | None = None) -> tuple[Participant, ...]:
-    """The people of a folder of problem files, or of a table whose rows modify one problem.
+    """The people of a folder of problem files, or of a table whose rows change values of one problem.
+
+    An invalid or repeated name is stored in the person's `error`.
 
     Parameters
     ----------
-    source : a folder with a `.toml` for each person, or a `.csv`.
-    problem : problem file, or name of a shipped problem, that the rows of a table modify; default
+    source : folder with a `.toml` for each person, or path of a `.csv` table.
+    problem : problem file whose values the rows of a table change, or the name of a shipped problem; by default
         `upper_limb/workspace`.
 
     Raises
     ------
-    ProblemFileError : no people, or no column `participant`. An invalid or repeated name is in the `error` of the
-        people concerned.
-    ConfigurationError : `problem` for a folder, which contains whole problems.
+    ProblemFileError : there are no people, or the table has no column `participant`.
+    ConfigurationError : `source` is a folder and `problem` is given.
     """
     if source.is_dir():
         if problem is not None:
@@ -240,7 +239,7 @@ def participants_of(source: Path, *, problem: str | None = None) -> tuple[Partic
 
 
 def participants_in_folder(folder: Path) -> tuple[Participant, ...]:
-    """One person for each `.toml` directly in the folder, named after the file; raises as `participants_of`."""
+    """The people of a folder, one for each `.toml` in it, named after the file; raises as `participants_of`."""
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".toml")
     if not files:
         raise ProblemFileError(folder, "folder", "no .toml in it", "a problem file for each participant")

@@ -1,4 +1,4 @@
-"""Tasks on every core, one process each: a process that dies or hangs affects only its own task."""
+"""Run tasks on all cores, each in a process of its own, so that a process that dies affects only its own task."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ A = TypeVar("A")
 
 DIED = "its worker process died (killed, out of memory, crashed), or sent what cannot be read"
 HANDED = 256
-"""Number of tasks given to an executor at once: enough for as many cores, and a bound for the memory of the answers."""
+"""Largest number of tasks that are given to an executor at once, which limits the memory of waiting answers."""
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-"""Sets the threads of numpy and scipy; read when a process loads them."""
+"""Environment variable with the number of threads of numpy and scipy; a process reads it when it loads them."""
 PRELOADED = (
     "casadi", "matplotlib.figure", "matplotlib.backends.backend_agg", "mpl_toolkits.mplot3d", "PIL.JpegImagePlugin",
     "scipy.interpolate", "scipy.optimize", "scipy.stats", "shapely", "skimage.measure",
 )  # fmt: skip
-"""Modules that runs need, which take over 2 s to load: a server loads them once, and each process is a fork of it."""
+"""Modules that runs need and that take over 2 s to load; a server process loads them once and is then forked."""
 
 
 class WorkerDiedError(Exception):
-    """The process of a task ended without an answer: killed, out of memory, or crashed."""
+    """The process of a task ended without an answer, for example because it was killed or crashed."""
 
 
 def cores() -> int:
@@ -51,16 +51,17 @@ def answers(
     workers: int | None,
     timeout_s: float | None = None,
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Each task with its answer, or with the exception that ended it, in the order of completion.
+    """Each task with its answer, or with the exception that ended the task, in the order of completion.
 
     Parameters
     ----------
-    work : must be importable by its name in another process, and its answers must be picklable.
-    executor : runs the tasks; by default processes of this machine. An executor that breaks fails all its remaining
-        tasks.
-    workers : number of processes, default `cores`; with an executor, number of tasks given to it at once, default
-        `HANDED`.
-    timeout_s : [s] after which a task's process is killed (without an executor); its answer is then a TimeoutError.
+    tasks : inputs of `work`.
+    work : function that another process can import by name; its answers must be picklable.
+    executor : executor that runs the tasks, or None for processes of this machine. If an executor breaks, all its
+        remaining tasks fail.
+    workers : number of processes, by default `cores`. With an executor, number of tasks that are given to it at once,
+        by default `HANDED`.
+    timeout_s : time [s] after which a task's process is killed, without an executor. The answer is then a TimeoutError.
     """
     if executor is not None:
         yield from _by(executor, tasks, work, workers or HANDED)
@@ -71,7 +72,7 @@ def answers(
 def _by(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks given to an executor; tasks that it lost together with a worker are finally run alone."""
+    """Run tasks by an executor; tasks that were lost with a worker are run again at the end, one at a time."""
     suspects = []
     for task, answer in _given(executor, tasks, work, handed):
         if _lost_with_worker(answer):
@@ -79,11 +80,11 @@ def _by(
         else:
             yield task, answer
     for task in suspects:
-        yield from _given(executor, [task], partial(work), 1)  # dask has an answer to `work` itself: it gave up
+        yield from _given(executor, [task], partial(work), 1)  # `partial`, since dask remembers the failure of `work`
 
 
 def _lost_with_worker(answer: object) -> bool:
-    """Whether dask gave a task up because a worker was lost, for which another task may be the cause."""
+    """Whether dask gave up a task because its worker was lost, possibly because of another task."""
     dask = sys.modules.get("distributed")
     return dask is not None and isinstance(answer, dask.KilledWorker)
 
@@ -91,7 +92,7 @@ def _lost_with_worker(answer: object) -> bool:
 def _given(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks given to an executor, `handed` at a time, so that waiting answers do not fill the memory."""
+    """Run tasks by an executor, `handed` at a time, so that waiting answers do not fill the memory."""
     waiting, running = deque(tasks), dict[Future[A], T]()
     try:
         while waiting or running:
@@ -99,7 +100,7 @@ def _given(
                 task = waiting.popleft()
                 try:
                     running[executor.submit(work, task)] = task
-                except (BrokenExecutor, RuntimeError) as refused:  # broken, or shut down
+                except (BrokenExecutor, RuntimeError) as refused:  # the executor is broken or was shut down
                     yield task, refused
             for future in wait(running, return_when=FIRST_COMPLETED).done if running else ():
                 answer: A | BaseException = _answer(future)
@@ -113,7 +114,7 @@ def _given(
 def _by_processes(
     waiting: deque[T], work: Callable[[T], A], workers: int, timeout_s: float | None
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Tasks in a process each, `workers` at a time; no process is left over, however this ends."""
+    """Run each task in a process of its own, `workers` at a time; all processes are ended in any case."""
     context = _context(work.__module__)
     running: dict[Any, tuple[Any, T, float]] = {}
     try:
@@ -141,7 +142,7 @@ def _by_processes(
 
 
 def _context(module: str) -> Any:
-    """Forks of a server that has loaded the needed modules; on systems without fork, new processes."""
+    """Context that forks processes from a server with the needed modules; without fork, it starts new processes."""
     if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -151,15 +152,15 @@ def _context(module: str) -> Any:
 
 
 def _answer_into(send: Connection, work: Callable[[T], A], task: T) -> None:
-    """The work of a process; it ignores Ctrl-C, since its parent handles it and ends its processes."""
+    """Main function of a process; it ignores Ctrl-C, because the parent process ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with ThreadPoolExecutor(1) as one:  # whatever it raises is an answer
+    with ThreadPoolExecutor(1) as one:  # its future catches every exception of `work`
         send.send(_answer(one.submit(work, task)))
 
 
 def _received(answer: Connection) -> Any:
-    """An answer; a truncated one, or one that cannot be unpickled, is `WorkerDiedError`."""
+    """The answer of a process; `WorkerDiedError` if the answer is truncated or cannot be unpickled."""
     try:
         return answer.recv()
     except (ArithmeticError, AttributeError, EOFError, ImportError, LookupError, OSError, TypeError, ValueError):
@@ -170,10 +171,9 @@ def _received(answer: Connection) -> Any:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Processes started inside this context compute in one thread each, unless the user set a number: there is one
-    process per core.
+    """Context in which started processes use one OpenBLAS thread each, unless the user has set another number.
 
-    If all cores are busy, a second thread of OpenBLAS waits in a busy loop: a map took 4.3 s instead of 1.9 s.
+    With one process per core, further threads wait in a busy loop and slow down the computation.
     """
     own = BLAS_THREADS not in os.environ
     if own:

@@ -1,4 +1,4 @@
-"""Results on disk: a folder for each person, and results.csv with one row for each. Incomplete results never count."""
+"""Results of a batch on disk: a folder for each person, and results.csv with a row for each person."""
 
 from __future__ import annotations
 
@@ -25,23 +25,24 @@ __all__ = [
 ]  # fmt: skip
 
 DONE, REFUSED, FAILED, NOT_RUN = "done", "refused", "failed", "not run"
-"""Status of a row: computed; invalid input; failed computation; interrupted before its turn."""
+"""Status of a row: computed; invalid input; failed computation; not started when the batch was interrupted."""
 MARK = "result.json"
-"""Written last: a folder without it has no result."""
+"""File that is written last; a folder without this file has no complete result."""
 
 
 @dataclass(frozen=True)
 class ResultRow:
-    """One person's line of results.csv.
+    """One person's row of results.csv.
 
     Parameters
     ----------
+    participant : name of the person.
     status : DONE, REFUSED, FAILED or NOT_RUN.
-    error : one line, the reason why it is not done.
-    seconds : computing time, also of an earlier run.
+    error : reason in one line why the person is not done.
+    seconds : computing time [s]; for a result of an earlier run, that of the earlier run.
     numbers : metrics by dotted key.
-    kept : True for a result of an earlier run.
-    inputs, covariates : from the person's row in a table.
+    kept : whether the result is from an earlier run.
+    inputs, covariates : cells of the person's row in the input table.
     """
 
     participant: str
@@ -55,7 +56,7 @@ class ResultRow:
 
 
 def keep(participant: str, answer: PersonResult, folder: Path, digest: str) -> ResultRow:
-    """Write a person's result into their folder: each file completely or not at all, and the mark last."""
+    """Write the files of a person's result to `folder`, and result.json last."""
     forget(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in answer.files.items():
@@ -71,7 +72,7 @@ def keep(participant: str, answer: PersonResult, folder: Path, digest: str) -> R
 
 
 def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
-    """The row of an existing result with the same inputs; None if there is none."""
+    """The row of an existing result with the same inputs; None if there is no such result."""
     mark = _mark(folder)
     if mark is None or mark["digest"] != digest or not all((folder / name).is_file() for name in mark["files"]):
         return None
@@ -79,12 +80,12 @@ def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
 
 
 def _named_once(numbers: Mapping[str, Cell]) -> dict[str, Cell]:
-    """The numbers under names that all rows share, because names for 10 000 people need much memory."""
+    """The numbers, with names that all rows share in memory, because names for 10 000 people need much memory."""
     return {sys.intern(key): value for key, value in numbers.items()}
 
 
 def forget(folder: Path) -> None:
-    """Remove an earlier result with other inputs; files that are not ours stay."""
+    """Remove the files of an earlier result from `folder`; other files stay."""
     mark = _mark(folder)
     (folder / MARK).unlink(missing_ok=True)
     for name in mark["files"] if mark is not None else ():
@@ -94,13 +95,13 @@ def forget(folder: Path) -> None:
 
 
 def write_rows(rows: Sequence[ResultRow], file: Path) -> None:
-    """Write all rows; the columns are the union of their covariates, inputs (as `input.`) and numbers."""
+    """Write all rows as CSV, with columns for all covariates, inputs (prefixed by `input.`) and numbers."""
     table = _columns(rows)
     _write_csv(file, list(table), list(zip(*table.values(), strict=True)))
 
 
 def write_parquet(rows: Sequence[ResultRow], file: Path) -> None:
-    """Write the same rows with typed columns of numbers, truth values or texts; without pyarrow, no file."""
+    """Write all rows as Parquet, with columns of numbers, truth values or texts; without pyarrow, write no file."""
     file.unlink(missing_ok=True)
     if importlib.util.find_spec("pyarrow") is None:
         return
@@ -124,13 +125,13 @@ def _columns(rows: Sequence[ResultRow]) -> dict[str, list[Cell]]:
         **{key: [row.covariates.get(key) for row in rows] for key in covariates},
         **{f"input.{key}": [row.inputs.get(key) for row in rows] for key in inputs},
     }
-    for key in numbers:  # a kind of problem from elsewhere may have a number of any name
+    for key in numbers:  # a user's own system may have a metric with the name of another column
         columns[f"metrics.{key}" if key in columns else key] = [row.numbers.get(key) for row in rows]
     return columns
 
 
 def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
-    """Cells of one type: unchanged if all are texts or all are truth values, else numbers, else texts."""
+    """Cells of one column, converted to one type: truth values, numbers or texts."""
     kinds = {type(cell) for cell in cells if cell is not None}
     if kinds <= {int, float}:
         return [None if cell is None else float(cell) for cell in cells]
@@ -138,7 +139,7 @@ def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
 
 
 def write_groups(rows: Sequence[ResultRow], file: Path) -> None:
-    """Write count, mean, spread and quartiles of each number over the finished rows of each group and condition."""
+    """Write count, mean, standard deviation and quartiles of each metric over the people of a group and condition."""
     of: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         group, condition = (row.covariates.get(key) or "all" for key in ("group", "condition"))
@@ -166,12 +167,12 @@ def _written(cell: Cell) -> object:
     if isinstance(cell, bool):
         return str(cell).lower()
     if isinstance(cell, str) and is_formula(cell):
-        return f"'{cell}"  # a spreadsheet shows it, and computes nothing
+        return f"'{cell}"  # the apostrophe makes a spreadsheet show the text instead of evaluating it
     return f"{cell:.9g}" if isinstance(cell, float) else cell
 
 
 def _mark(folder: Path) -> dict[str, Any] | None:
-    """Content of the mark; None if there is none, or it cannot be read."""
+    """Content of a folder's result.json; None if the file is missing or cannot be read."""
     try:
         mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -184,14 +185,14 @@ MAX_LISTED = 20
 
 
 def counted(rows: Sequence[ResultRow]) -> str:
-    """Number of finished people, and how many of them are from earlier runs."""
+    """Sentence with the numbers of finished people, of all people, and of people finished in an earlier run."""
     failed, kept = sum(bool(row.error) for row in rows), sum(row.kept for row in rows)
     said = f"{len(rows) - failed} of {len(rows)} participants done"
     return f"{said}, {kept} of them from an earlier run" if kept else said
 
 
 def failed_table(rows: Sequence[ResultRow]) -> Table:
-    """The first people who are not done, with the reasons."""
+    """Table of the first 20 people who are not done, with the reasons."""
     failed = [row for row in rows if row.error]
     more = len(failed) - MAX_LISTED
     table = Table(caption=f"{more} more are not done: see results.csv" if more > 0 else None)

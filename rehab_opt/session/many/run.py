@@ -1,4 +1,4 @@
-"""Batch runs: one row for each person, independent of the others."""
+"""Batch runs: run the problem of each person and write a row for each; people do not affect one another."""
 
 from __future__ import annotations
 
@@ -46,40 +46,40 @@ def run_many(
     timeout_s: float | None = None,
     record: Callable[[Participant, ResultRow, Path, str], None] = lambda *_: None,
 ) -> tuple[ResultRow, ...]:
-    """Run every person's problem; write a folder for each, results.csv with a row for each, and groups.csv.
+    """Run the problem of each person; write a folder for each person, results.csv with a row for each, and groups.csv.
 
     With pyarrow (extra `parquet`), results.parquet has the same rows with typed columns.
 
-    results.csv is updated during the run, every second, or less often if writing takes long. An existing result of the
-    same problem, recordings and software is kept. An interrupted run leaves its results and results.csv; another call
-    does the rest.
+    results.csv is updated about once a second. Existing results with the same problem, recordings and software are
+    kept, so an interrupted batch can be continued by another call.
 
         with distributed.Client(...) as client:
             run_many(participants_of(Path("people.csv")), out=Path("out"), executor=client.get_executor())
 
     Parameters
     ----------
-    participants : from `participants_of`, with distinct names.
+    participants : people from `participants_of`, with distinct names.
     out : folder of the results.
-    executor : any `concurrent.futures.Executor`, such as a dask.distributed client's; its workers need this library and
-        the recordings, and write nothing. By default one process for each core; a process that dies fails only its own
-        person.
-    workers : number of processes, by default one for each core; with an executor, number of people given to it at once
-        (default 256).
-    progress : called with the number of finished people.
-    work : the work for one person; importable by name, for other processes.
-    timeout_s : [s] after which a person's process is killed, which their row reports; not with your own executor.
-    record : called in this process for each person, computed or kept, before the next one: with their row, the folder
-        of the result and the digest of its inputs.
+    executor : any `concurrent.futures.Executor`, such as that of a dask.distributed client; its workers need rehab_opt
+        and the recordings, and write no files. By default, each core runs one process at a time; if a process dies,
+        only its own person fails.
+    workers : number of processes, by default one for each core. With an executor, number of people that are given to
+        the executor at once, by default 256.
+    progress : callback for the number of finished people.
+    work : function that computes the result of one person; other processes must be able to import it by name.
+    timeout_s : time [s] after which a person's process is killed, without an executor.
+    record : function that is called for each finished person with the person, the row, the folder of the result and
+        the digest of the inputs.
 
     Returns
     -------
-    One row for each person, in their order.
+    One row for each person, in the order of `participants`.
 
     Raises
     ------
-    ConfigurationError : no people, two with the same name, fewer than 1 worker, or a folder that cannot be written to.
-    RehabOptError : no problem is valid; it is the error of the first one, and nothing is written.
+    ConfigurationError : there are no people, two have the same name, there is less than 1 worker, or the folder cannot
+        be written to.
+    RehabOptError : no problem is valid; the error is that of the first problem, and no file is written.
     """
     names = [person.name for person in participants]
     if not names or len(set(names)) < len(names):
@@ -102,7 +102,7 @@ def run_many(
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in rows:
-            with suppress(OSError):  # what is no folder of ours holds no result of ours
+            with suppress(OSError):  # a path that is not a folder has no result to remove
                 forget(out / name)
 
         def table(why: str) -> tuple[ResultRow, ...]:
@@ -138,7 +138,7 @@ def run_many(
 
 
 class _Sometimes:
-    """Calls a function at most once a second, and for at most a twentieth of the time."""
+    """Calls a function at most once a second and for at most 5 % of the time."""
 
     def __init__(self, do: Callable[[], None]) -> None:
         self._do = do
@@ -159,11 +159,11 @@ def _digest(person: Participant) -> str:
 
 
 class UnusableParticipantError(RehabOptError):
-    """A row or file that was refused on reading; the message gives the reason."""
+    """A row or problem file of a batch is invalid; the message has the reason."""
 
 
 def _row(name: str, answer: PersonResult | BaseException, folder: Path, digest: str) -> ResultRow:
-    """The row of an answer, which is stored; a failure to write counts as this person's failure."""
+    """Store a person's answer and return the row; if writing fails, the person's status is FAILED."""
     try:
         if isinstance(answer, PersonResult):
             return keep(name, answer, folder, digest)
