@@ -1,6 +1,4 @@
-"""Limits of a hand-holding arm in addition to its joint limits: a manipulability floor and keep-out planes, each a
-`Limit`.
-"""
+"""Manipulability floor and keep-out planes of an arm, each as a `Limit`."""
 
 from __future__ import annotations
 
@@ -22,9 +20,9 @@ __all__ = ["GuardedPoint", "HandBounds", "KeepOut", "guarded_points"]
 Array = NDArray[np.float64]
 
 SAMPLES = 5
-"""Number of random postures; balls that coincide at all of them coincide always."""
+"""Number of random postures; balls that coincide at all of them are taken as one."""
 SAME = 1e-9
-"""[m] Smaller differences of distances are rounding."""
+"""[m] Smaller differences of distances count as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +31,9 @@ class HandBounds:
 
     Parameters
     ----------
-    chain : the arm.
     floor : least manipulability, as a fraction of `max_manipulability`.
     max_manipulability : largest manipulability of the arm.
-    planes : keep-out planes for the chain's capsules, the origins of its frames and its tool, if a joint moves them
-        (`guarded_points`).
+    planes : keep-out planes for the arm's `guarded_points`.
     """
 
     chain: SerialChain
@@ -61,7 +57,7 @@ class HandBounds:
 
     @cached_property
     def guarded(self) -> tuple[GuardedPoint, ...]:
-        """The points that stay out of the planes."""
+        """Points that stay out of the planes."""
         return guarded_points(self.chain)
 
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -70,13 +66,13 @@ class HandBounds:
         return w / self.max_manipulability, gradient / self.max_manipulability
 
     def min_heights(self, q: Array, plane: KeepOut) -> Array:
-        """(M,) [m] least height of the guarded points above a plane at q (M, n); negative inside the keep-out."""
+        """Least height [m] (M,) of the guarded points above a plane at q (M, n); negative inside the keep-out."""
         symbol = ca.SX.sym("q", self.chain.n)
         heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
         return np.array(ca.Function("height", [symbol], [ca.mmin(heights)])(q.T)).ravel()
 
     def heights(self, frames: list[ca.SX], plane: KeepOut) -> list[ca.SX]:
-        """[m] Height of each guarded point's ball above a plane."""
+        """Height [m] of each guarded point's ball above a plane."""
         normal = ca.DM(plane.normal)
         return [
             ca.dot(normal, centre) - (plane.offset + point.radius)
@@ -84,13 +80,13 @@ class HandBounds:
         ]
 
     def _centres(self, frames: list[ca.SX]) -> list[ca.SX]:
-        """(3,) [m] centre of each guarded point."""
+        """Centre (3,) [m] of each guarded point."""
         return [frames[i][:3, :3] @ ca.sparsify(ca.DM(offset)) + frames[i][:3, 3] for i, offset, _ in self.guarded]
 
 
 @dataclass(frozen=True, eq=False)
 class _Floor(Limit):
-    """w(q) / w_max - floor >= 0; its slope is zero at w = 0."""
+    """w(q) / w_max - floor >= 0 with the manipulability w; the slope is zero at w = 0."""
 
     max_manipulability: float = 1.0
 
@@ -104,24 +100,22 @@ class GuardedPoint(NamedTuple):
     """A ball that moves with a frame of a chain."""
 
     frame: int
-    """Number of the frame as in `LinkCapsule`: joints 1 to `frame` move it."""
+    """Number of the frame as in `LinkCapsule`: joints 1 to `frame` move the ball."""
     offset: tuple[float, float, float]
     """(3,) [m] centre in the frame."""
     radius: float
-    """Radius [m]."""
 
 
 def guarded_points(chain: SerialChain) -> tuple[GuardedPoint, ...]:
-    """Balls that represent the whole arm beside a plane: if they are clear of it, so is the arm; the tool's is first.
+    """Balls that represent the whole arm beside a plane: if they are clear of the plane, so is the arm.
 
-    The distance of a capsule from a plane is exactly the smaller distance of the balls at its ends. Frame origins and
-    the tool's origin are balls of radius zero. A ball that no joint moves, or that always lies inside another, is left
-    out.
+    The balls are the ends of the capsules; the origins of the frames and of the tool (first) have radius zero. A ball
+    that no joint moves, or that always lies inside another, is left out.
     """
     origin = (0.0, 0.0, 0.0)
     balls = [GuardedPoint(frame, origin, 0.0) for frame in range(chain.n + 2)]
     balls += [GuardedPoint(each.frame, end, each.radius) for each in chain.capsules for end in (each.start, each.end)]
-    balls.sort(key=lambda ball: (-ball.radius, ball.frame))  # of two that coincide, fewer joints move the first
+    balls.sort(key=lambda ball: (-ball.radius, ball.frame))  # of two coincident balls, fewer joints move the first
     q = ca.SX.sym("q", chain.n)
     frames = chain.frames_expression(q)
     centres = ca.horzcat(*(frames[i][:3, :3] @ ca.DM(offset) + frames[i][:3, 3] for i, offset, _ in balls))

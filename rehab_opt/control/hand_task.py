@@ -24,23 +24,22 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 """Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
 FRAMES = {"chassis": 0.0, "world": 1.0}
 PRICE = 2.0
-"""[m/s] Price per m/s of missing hand speed; the kinetic energy over the mass has a price of about 1."""
+"""[m/s] Price per m/s of missing hand speed; the price of kinetic energy over mass is about 1."""
 STEEP = 1e3
-"""[m/s] Largest price; below it follows the marginal cost by Eq. (1), which is large near singular postures."""
+"""[m/s] Largest price. Smaller prices follow the marginal cost of Eq. (1), which is large near singular postures."""
 OFF = 20.0
 """Factor on the price for speed off the commanded direction."""
 CALM = 0.02
-"""Weight of a change of velocity, as a fraction of the robot's mass; it keeps light joints from shaking at bounds."""
+"""Weight of a change of velocity, as a fraction of the robot's mass; keeps light joints from shaking at bounds."""
 STRAIGHT, BACK = 0.27, 0.05
 """Largest hand speed at the stop posture across and against the command, as fractions of the commanded speed."""
 BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
 """If Eq. (1) increases c faster than `UPHILL` per second, joint speeds are limited to the fraction (h^2 / h' - h') /
-`ASIDE`. h [m/s] is the hand speed at full joint speeds, and h' is `BARELY` times the commanded speed. The joints stop
-at h = h', before the singular posture, so that a reversed stick leads back to the side that c prefers. At the singular
-posture itself rounding would decide the side, and one side may end at a joint limit.
+`ASIDE`. Here h [m/s] is the hand speed at full joint speeds, and h' is `BARELY` times the commanded speed. The joints
+thus stop before the singular posture, so a reversed stick leads back to the side that c prefers.
 """
 ROUNDING = 1e-9
-"""Relative margin of a change of velocity to the acceleration limit."""
+"""Relative margin of a velocity change to the acceleration limit."""
 TINY = 1e-12
 """[m/s] Speeds below this count as zero."""
 POSTURES, DEPENDENT = 3, 1e-6
@@ -48,12 +47,12 @@ POSTURES, DEPENDENT = 3, 1e-6
 
 
 class Task(NamedTuple):
-    """The task of one tick as expressions; the chair's velocities are in the chassis frame."""
+    """Task of one tick as expressions; the chair's velocities are in the chassis frame. Symbols as in `ChairAndArm`."""
 
     jacobian: ca.SX
-    """(k, n) J at the middle of the tick."""
+    """(k, n) J at mid-tick."""
     inertia: ca.SX
-    """Upper triangle of W (n, n) over the robot's mass."""
+    """Upper triangle of W (n, n), divided by the robot's mass."""
     target: ca.SX
     """(n,) velocity from which deviations are weighted with W."""
     analytic: ca.SX
@@ -67,13 +66,13 @@ class Task(NamedTuple):
     done: ca.SX
     """Fraction of the command that the hand delivered in the last tick."""
     speed: ca.SX
-    """[m/s or rad/s] upper bound of the progress."""
+    """[m/s or rad/s] Upper bound of the progress."""
     price: ca.SX
-    """[m/s] price per m/s of missing hand speed."""
+    """[m/s] Price per m/s of missing hand speed."""
     turning: ca.SX
     """(k,) w, hand motion off the command that is allowed in this tick."""
     error: ca.SX
-    """(k,) e/|e|, with e the further motion off the command that braking leaves."""
+    """(k,) e/|e|; e is the further motion off the command that braking leaves."""
     off: ca.SX
     """|e|, upper bound of `off`."""
     ahead: ca.SX
@@ -107,10 +106,7 @@ class HandTask:
         self, tick: Stages, q: ca.SX, twist: ca.SX, world: ca.SX, *, last: ca.SX, limits: Limits,
         braking: BrakingTogether, dt: float,
     ) -> Task:  # fmt: skip
-        """The task for a commanded twist (k,), in the world's frame if `world` is 1.
-
-        `last` is the velocity (n,) of the last tick.
-        """
+        """Task for a commanded twist (k,), in the world's frame if `world` is 1, after the velocity `last` (n,)."""
         moving, base = self.moving, limits.base
         half, heading = last * (dt / 2), ca.if_else(world, q[2], 0)
         posture = ca.vertcat(0, 0, 0, q[CHAIR:])
@@ -123,8 +119,8 @@ class HandTask:
         size, left = ca.norm_2(commanded), braking.slower(ca.SX(1))
         direction = commanded / ca.fmax(size, TINY)
 
-        # Eq. (1), and (5) by leaving out the left speed: u = W^-1 J' y - v grad c with J u = r. Then by the least
-        # change to the same r in the middle of the tick.
+        # Eq. (1), and Eq. (5) without the left speed: u = W^-1 J' y - v grad c with J u = r. Then the smallest
+        # change that gives the same r at mid-tick.
         weigh = solver_of(inertia[moving, moving])
 
         def firm(matrix: ca.SX) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
@@ -138,13 +134,13 @@ class HandTask:
         sought = ca.fabs(factor) * size
         y = firmness(commanded + sought * (here @ gradient))
         free = self._spread(soft @ y - sought * gradient[moving])
-        # Faster than the joints can be it is a direction, as near singular postures.
+        # An answer faster than the joints (near singular postures) only gives a direction.
         faster = ca.fmax(ca.mmax(ca.fabs(free) / self.robot.chain.velocity), 1)
         towards = ca.if_else(ca.sumsqr(free) <= MAX_MAGNITUDE**2, free / faster, 0)
         soft, firmness = firm(jacobian)
         change = firmness(commanded - jacobian @ free)
         law = free + self._spread(soft @ change)
-        # Going on as before, and from there as far to the law as the accelerations allow.
+        # Continue as before, and from there as far towards Eq. (1) as the accelerations allow.
         hand = before @ last
         along = clipped(ca.dot(direction, hand), 0, sought)
         aside = hand - along * direction
@@ -158,10 +154,10 @@ class HandTask:
         part = ca.if_else(valid, part, 1)
         turning = tick.once(ca.if_else(valid, (1 - part) * left * aside, 0))
         speed = tick.once(along + part * (sought - along))
-        # What hard braking leaves of the hand's velocity besides: that can be had in any case.
+        # Motion off the command that hard braking leaves; always feasible.
         error = jacobian @ base - turning
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
-        off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command the whole robot brakes
+        off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command all joints brake
         turns = ca.norm_2(turning)
         ahead = self._ahead(tick, q, last, direction, size, left=turns, world=world, base=base, braking=braking)
         return Task(
@@ -187,11 +183,9 @@ class HandTask:
         self, tick: Stages, q: ca.SX, last: ca.SX, direction: ca.SX, size: ca.SX, *, left: ca.SX, world: ca.SX,
         base: ca.SX, braking: BrakingTogether,
     ) -> Row:  # fmt: skip
-        """Rows (k, n) of the hand's velocity J u at the stop posture, and their bounds (k,).
+        """Rows (k, n) of the hand's velocity J u at the stop posture, and their bounds (k,), as tangents at `slower`.
 
-        `base` and `slower` satisfy them. They are tangents at `slower`, because the stop posture depends on u.
-
-        left : [m/s or rad/s] allowed motion off the command after this tick and at the stop posture.
+        `base` and `slower` satisfy the rows. left : [m/s or rad/s] allowed motion off the command after this tick.
         """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         place = q + braking.time * each
@@ -218,7 +212,7 @@ class HandTask:
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
-        """(k - 1, k) orthonormal rows orthogonal to `direction` (k,), by a Householder reflection."""
+        """Orthonormal rows (k - 1, k) orthogonal to `direction` (k,), by a Householder reflection."""
         first = direction[0]
         mirror = direction + ca.vertcat(ca.if_else(first < 0, -1, 1), ca.SX.zeros(direction.numel() - 1))
         return (ca.SX.eye(direction.numel()) - mirror @ mirror.T / (1 + ca.fabs(first)))[1:, :]
@@ -230,7 +224,7 @@ class HandTask:
         return every
 
     def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
-        """(k, n) Jacobian of the stick's rows at given arm joints; the chair's velocities are in its own frame.
+        """Jacobian (k, n) of the stick's rows at given arm joints; the chair's velocities are in its own frame.
 
         turned : [rad] turn of the chair since that frame. heading : [rad] of that frame in the frame of the rows.
         """
@@ -243,14 +237,14 @@ class HandTask:
 
     @property
     def fastest(self) -> float:
-        """[m/s or rad/s] upper bound of the hand's speed in all rows together, to which commands are scaled down."""
+        """Upper bound [m/s or rad/s] of the hand's speed in all rows together, to which commands are scaled down."""
         reach = sum(row.across + abs(row.along) for row in self.robot.chain.rows[CHAIR - 1 :])
         reach += float(np.linalg.norm(self.robot.chain.tool[:3, 3]))
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
 
 
 def frame_number(frame: str) -> float:
-    """Frame of the task rows as a parameter of the QP: 0 the chassis frame, 1 the world's."""
+    """Frame of the task rows as a parameter of the QP: 0 is the chassis frame, 1 the world's."""
     world = FRAMES.get(frame) if isinstance(frame, str) else None
     if world is None:
         raise ConfigurationError("frame", frame, "chassis or world")
@@ -258,7 +252,7 @@ def frame_number(frame: str) -> float:
 
 
 def checked_rows(rows: Sequence[str], argument: str = "rows") -> tuple[str, ...]:
-    """Checked task rows that can be commanded together; `argument` is the source of the rows, for errors."""
+    """Check that task rows can be commanded together; `argument` names their source in errors."""
     names = tuple(rows) if isinstance(rows, (tuple, list)) else ()
     known = all(isinstance(name, str) and name in ROWS for name in names)
     if not names or not known or len(set(names)) != len(names):

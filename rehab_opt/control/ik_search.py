@@ -1,4 +1,4 @@
-"""Search of a posture from several starts: pick starts, solve, keep the best. `arm_ik` sets the status."""
+"""Search for a posture: pick several starts, solve from each, return the best answer."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ __all__ = ["POSITION_TOLERANCE", "IKSearch", "PostureTable", "within_reason"]
 Array = NDArray[np.float64]
 
 POSITION_TOLERANCE = 1e-6
-"""[m] A target nearer to the reachable set than this counts as reached."""
+"""[m] A target this near to the reachable set counts as reached."""
 CANDIDATES = 32
 """Number of table entries nearest to the target that are ranked by cost."""
 DISTANCE_PRICE = 20.0
-"""[1/m] Weight of a candidate's distance relative to its posture cost in the ranking."""
+"""[1/m] Weight of a candidate's distance, relative to its posture cost, in the ranking."""
 SHARPNESS = 100.0
-"""Factor on the squared distance in the last solve, so that the tolerance on the gradient means micrometres even if
-joints hardly move the hand. From further away it would drive steps out of the handle's cone."""
+"""Factor on the squared distance in the last solve, so that the gradient's tolerance means micrometres."""
 FAR = 1e4
-"""[m] Targets further away are moved to this distance, because rounding of squares would hide the arm."""
+"""[m] Targets further away are moved to this distance, since rounding of squares would hide the arm."""
 
 UNBOUNDED = 1e6
 """[rad or m] Value that replaces an infinite joint limit."""
@@ -43,10 +42,9 @@ class IKSearch:
     Parameters
     ----------
     arm, handle_tilt : as in `ArmIK`; at least one joint can move.
-    manipulability, manipulability weight : of the posture cost; 0 omits it.
+    manipulability : weight of the manipulability in the posture cost; 0 omits it.
     rest : (n,) [rad] start if the table has none.
-    solver, backup, tolerance, compile : as in `ArmIK`.
-    starts, nearest_starts, table_size : see `ArmIK`.
+    solver, backup, tolerance, compile, starts, nearest_starts, table_size : as in `ArmIK`.
     """
 
     def __init__(
@@ -91,7 +89,7 @@ class IKSearch:
         self._target[:] = target
         if quadratic is not self._quadratic:
             weight = quadratic.weight[self.free]
-            # Of order one whatever the caller's weights: tolerances are absolute.
+            # Scale the cost to order one, since tolerances are absolute.
             self.cost_scale = 1.0 / (max(weight.max(), self._manipulability) or 1.0)
             self._weight[:] = weight * self.cost_scale
             self._centre[:] = quadratic.centre[self.free]
@@ -99,20 +97,20 @@ class IKSearch:
             self._quadratic = quadratic
 
     def posture_from(self, start: Array, multipliers: Array | float = 0.0, *, backup: bool = False) -> NLPAnswer:
-        """Answer to the last posture problem, from free joints `start` (k,)."""
+        """Solve the posture problem that was set last, from free joints `start` (k,)."""
         solver = self._solver(self.statements.posture, "backup" if backup else "primary")
         solver.parameters[:] = self._posture_parameters
         return solver.solve(start, multipliers)
 
     def manipulability_cost(self, x: Array) -> float:
-        """The part of the posture cost that is not quadratic, at free joints `x` (k,)."""
+        """Manipulability part of the posture cost at free joints `x` (k,)."""
         return self._dexterity * float(self.statements.square(x, self.still)) if self._manipulability else 0.0
 
     # ------------------------------------------------------------------------------------------------- searches
     def posture(self, target: Array, near: Array | None = None, *, patient: bool = False) -> NLPAnswer | None:
-        """Cheapest certified answer from several starts, or, given `near` (k,), the one with the smallest change.
+        """Cheapest certified answer from several starts; given `near` (k,), the one with the smallest change.
 
-        With `patient` it continues until a start succeeds.
+        With `patient` the search continues until a start succeeds.
         """
         postures, distances = self.table.near(target, CANDIDATES)
         if near is None:
@@ -135,7 +133,7 @@ class IKSearch:
     def nearest(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
         """Posture with the hand nearest to `target` and the handle in its cone, best of many starts; or None.
 
-        Given `near` (k,), its local answer is kept unless another start comes closer by a micrometre.
+        Given `near` (k,), its local answer is returned unless another start comes closer by a micrometre.
         """
         plain, sharp = self._nearest_parameters(target), self._nearest_parameters(target, SHARPNESS)
         starts, _ = self.table.near(target, self.nearest_starts)
@@ -158,7 +156,7 @@ class IKSearch:
 
     @cached_property
     def table(self) -> PostureTable:
-        """Start postures, built with the first search."""
+        """Start postures; built by the first search."""
         table = PostureTable(self.arm, self.statements, handle_tilt=self.handle_tilt, size=self.table_size)
         self._min_tilt: NLPAnswer | None = None
         if not table.within:
@@ -178,14 +176,14 @@ class IKSearch:
 
     @property
     def min_tilt(self) -> NLPAnswer | None:
-        """Posture with the most upright handle if none is within the cone, else None."""
+        """Posture with the most upright handle if no posture is within the cone, else None."""
         _ = self.table
         return self._min_tilt
 
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property
     def _dexterity(self) -> float:
-        """Weight of w^2: the caller's weight over the mean of w^2 on the range of motion."""
+        """Weight of the squared manipulability: the caller's weight over its mean on the range of motion."""
         if not self._manipulability:
             return 0.0
         postures = self.table.postures
@@ -223,7 +221,7 @@ class IKSearch:
 
 
 def within_reason(target: Array) -> Array:
-    """`target` (3,), finite, moved to at most `FAR` along its direction."""
+    """Finite `target` (3,), moved to at most `FAR` along its direction."""
     largest = float(np.abs(target).max())
     if largest <= FAR:
         return target
@@ -236,20 +234,17 @@ ALIGNMENT_STEPS = 10
 MAX_STEP = 0.5
 """[rad] Largest change of a joint in one alignment step."""
 SLACK = math.radians(3.0)
-"""Tolerance of the handle's cone for starts."""
+"""[rad] Tolerance of the handle's cone for starts."""
 
 
 class PostureTable:
-    """Postures over an arm's range of motion with the handle upright, as starts of searches.
-
-    Deterministic: the same arm gives the same table.
+    """Postures over an arm's range of motion with the handle upright, as starts of searches; deterministic.
 
     Parameters
     ----------
-    arm : the chain.
-    statements : its statements; only `measure` is used.
+    statements : statements of the arm; only `measure` is used.
     handle_tilt : [rad] or None.
-    size : samples; a power of two keeps the Sobol sequence balanced.
+    size : number of samples; a power of two keeps the Sobol sequence balanced.
 
     Attributes
     ----------
@@ -306,10 +301,10 @@ def _measured(statements: IKStatements, postures: Array, still: Array) -> tuple[
 
 
 def _alignment(axes: Array, slopes: Array, limit: float) -> Array:
-    """(N, k) damped Gauss-Newton step of the axis towards the cone of half the limit."""
+    """Damped Gauss-Newton step (N, k) of the axis towards the cone of half the limit."""
     horizontal = np.hypot(axes[:, 0], axes[:, 1])
     excess = axes[:, :2] * (1 - math.sin(min(limit, math.pi / 2)) * 0.7 / np.maximum(horizontal, 1e-12))[:, None]
-    # Upside down: the components would shrink the wrong way round, so they are to grow instead.
+    # Upside down, shrinking components would turn the handle away from upright, so they grow instead.
     excess = np.where(axes[:, 2:] < 0, -axes[:, :2] / np.maximum(horizontal, 1e-12)[:, None] * 0.5, excess)
     gram = slopes @ slopes.transpose(0, 2, 1) + 1e-4 * np.eye(2)
     step = -np.einsum("nij,ni->nj", slopes, np.linalg.solve(gram, excess[..., None])[..., 0])

@@ -4,7 +4,8 @@
     nearest   min distance^2          s.t.                      handle within its tilt of vertical, joint limits
     upright   min 1 - x_n . z_0       s.t.                                                          joint limits
 
-The handle's rows use no Euler angles: Eqs. (4)-(5), Rossa et al., are singular exactly at their own goal.
+Here x_n is the handle's axis and z_0 the vertical. Euler angles are avoided: Eqs. (4)-(5), Rossa et al., are singular
+where the handle is upright.
 """
 
 from __future__ import annotations
@@ -22,15 +23,14 @@ __all__ = ["IKStatements"]
 
 
 class IKStatements:
-    """Statements for one arm, one pattern of locked joints and one kind of handle constraint.
+    """NLPs for one arm, one pattern of locked joints and one kind of handle constraint.
 
-    Limits, locked values, tilt and weights are parameters: people who differ only in these share compiled code.
+    Limits, locked values, tilt and weights are parameters, so people who differ only in these share compiled code.
 
     Parameters
     ----------
-    arm : the chain; its handle axis is the x axis of the last frame, to be parallel to +z0.
     handle_tilt : [rad] largest angle between handle axis and +z0; None for no constraint.
-    manipulability : whether the posture cost contains it.
+    manipulability : whether the posture cost contains the manipulability.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class IKStatements:
     nearest : the same report. Parameters: lower, upper, still, tilt, target, scale.
     upright : the same report. Parameters: lower, upper, still, tilt, target.
     free : (k,) indices of the joints that can move.
-    fixed_size : number of values before the target in the parameters.
+    fixed_size : number of parameter values before the target.
     """
 
     def __init__(self, arm: SerialChain, *, handle_tilt: float | None, manipulability: bool = False) -> None:
@@ -98,7 +98,7 @@ class IKStatements:
 
 
 def squared_manipulability(arm: SerialChain, q: ca.SX, free: np.ndarray) -> ca.SX:
-    """w^2 = det(J J') over the joints that can move; unlike w it is smooth everywhere."""
+    """Squared manipulability w^2 = det(J J') over the joints that can move; unlike w it is smooth everywhere."""
     jacobian = arm.jacobian_expression(q)[:, [int(i) for i in free]]
     gram = jacobian @ jacobian.T if len(free) >= 6 else jacobian.T @ jacobian
     return determinant(gram)

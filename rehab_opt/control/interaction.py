@@ -1,17 +1,15 @@
 """Response of a robot hand to a measured force: admittance, a slower reference, and a stop.
 
-Energy: the step is implicit (backward Euler). Projections onto convex sets that contain the start of the step bound
-speed and displacement, and such contacts dissipate. With the stored energy E = (M x'^2 + K x^2) / 2,
+The admittance is passive. Its step is implicit (backward Euler), and speed and displacement are bounded by projections
+onto convex sets that contain the step's start. With E = (M x'^2 + K x^2) / 2, every tick satisfies
 
     F . dx >= E_after - E_before + B |x'|^2 dt
 
-in every tick: a hand at x delivers no more energy than was put in. A real hand is delayed and limited by bounds.
-Therefore a tank T, with `reserve` at first, counts measured forces and positions. Each tick adds F . dy - dE + 0.02
-W dt, up to `reserve`, with dy the motion of the hand relative to its reference since F was measured. As T falls,
-the damping B reserve / T grows; with an empty tank the hand hardly responds to forces but still returns, which
-fills the tank. From T >= 0 follows sum F . dy >= -reserve - 0.02 W t after rest, for any delay; energy under way
-when the tank is empty is delivered, too, as a debt (T >= -reserve). The 0.02 W compensate noise. Nothing is
-guaranteed if the hand is not at its measured position (bending, play).
+A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, counts measured
+forces and positions. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`; dy is the hand's motion relative to
+its reference, and the 0.02 W compensate noise. As T falls, the damping B reserve / T grows. With an empty tank the hand
+hardly responds to forces but still returns, which fills the tank. So the hand delivers at most sum F . dy >= -reserve -
+0.02 W t after a time t, for any delay, provided that it is at its measured position.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ Array = NDArray[np.float64]
 GONE = 1e-6
 """[m] Displacements up to this count as zero once no force is measured."""
 SLACK = 5e-3
-"""[m] Anti-windup: a displacement is ahead of the hand by at most this and two ticks' motion."""
+"""[m] Anti-windup: a displacement leads the hand by at most this and two ticks' motion."""
 STIFFER = 1e-4
 """Fraction of the reserve below which the damping no longer grows; the hand then hardly moves."""
 REGAIN = 0.5
@@ -43,13 +41,14 @@ REGAIN = 0.5
 ALLOWED = 0.02
 """[W] Power that refills the tank, to compensate noise of forces and positions."""
 LEAP = 1.0
-"""[m/s] If the hand seems to leave its reference faster, the reference has jumped."""
+"""[m/s] If the hand seems to leave its reference faster than this, the reference has jumped."""
 SEEN = 1e3
 """[m] Largest distance of a hand from its reference."""
 FELT = Record(moved=3, velocity=3, away=3, pace=1, tank=1, stopped=1, force=3, active=1)
-"""State of an admittance: displacement [m], its velocity [m/s], hand minus reference [m], reference speed as a
-fraction, energy in the tank [J], time of the stop [s], last force [N], and whether forces are measured or the last
-response is not over."""
+"""State of an admittance: displacement [m] and its velocity [m/s]; hand minus reference [m]; fraction of the reference
+speed; energy in the tank [J]; time of the stop [s]; last force [N]; whether forces are measured or the last response
+still goes on.
+"""
 FINE, INVALID, AT_LIMIT = range(3)
 """Verdicts: no stop, stop for an invalid force, stop for a large force."""
 
@@ -58,33 +57,28 @@ FINE, INVALID, AT_LIMIT = range(3)
 class Interaction:
     """Admittance of a robot hand, M x'' + B x' + K x = F, with slowing of its reference and a stop of the arm.
 
-    Displacement x and velocity x' are added to the pose and twist that the hand's QP follows, so that all its bounds
-    hold: the hand yields to a push within the bounds. Displacement that the bounds refuse beyond `SLACK` is removed
-    from x, and the hand returns from its actual position. The reference slows down from the force `slow_from` and
-    stands still at `limit`; it slows at once and recovers slowly, so it follows the peaks of noisy forces. At
-    `stop_at`, or without a valid force, the arm decelerates to rest; it continues after `hold` seconds below `release`
-    x `stop_at`. `Interaction(stop_at=30.0)` stops rigidly at 30 N instead of yielding further.
+    The hand's QP follows the pose and twist plus displacement x and velocity x', so all bounds of the QP hold.
+    Displacement that the bounds refuse beyond `SLACK` is removed from x, and the hand returns from its actual position.
 
-    The reference itself works against a resisting person with at most limit^2 / (4 (limit - slow_from)) times its speed
-    (2.6 W at the defaults and 0.25 m/s), and not at all from `limit`. Without the tank, a loop delay D would leave the
-    admittance passive only up to about sqrt(B / (M D)) rad/s: 9 Hz for 15 ms.
+    The reference slows down from the force `slow_from` and stands still at `limit`. At `stop_at`, or without a valid
+    force, the arm decelerates to rest. The arm continues after `hold` seconds below `release` x `stop_at`.
+    `Interaction(stop_at=30.0)` stops at 30 N instead of yielding further.
 
-    Defaults are choices; ISO/TS 15066, as quoted, allows 140 N at a hand of healthy adults. A reference out of reach
-    pulls with K times its distance, so the hand yields only to a larger push away from it. A sensor's bias moves the
-    hand by bias / K. Sensor faults are not detected: below `stop_at` the hand yields to any force, even if it is
-    constant or jumps by 100 N between ticks.
+    ISO/TS 15066, as quoted, allows 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
+    distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected: below `stop_at` the hand
+    yields to any force.
     """
 
     slow_from: float = 8.0
-    """[N] force from which the reference slows down."""
+    """[N] Force from which the reference slows down."""
     limit: float = 30.0
-    """[N] force at which the reference stands still."""
+    """[N] Force at which the reference stands still."""
     stop_at: float = 140.0
-    """[N] force at which the arm decelerates to rest."""
+    """[N] Force at which the arm decelerates to rest."""
     release: float = 0.7
     """Fraction of `stop_at` below which the force must stay before the arm continues."""
     hold: float = 0.3
-    """[s] time for which the force must stay below."""
+    """[s] Time for which the force must stay below that fraction."""
     stiffness: float = 580.0
     """[N/m] K"""
     damping: float = 180.0
@@ -92,11 +86,11 @@ class Interaction:
     mass: float = 4.0
     """[kg] M"""
     max_offset: float = 0.05
-    """[m] largest displacement of the reference."""
+    """[m] Largest displacement of the reference."""
     speed: float = 0.15
-    """[m/s] largest speed of the displacement."""
+    """[m/s] Largest speed of the displacement."""
     reserve: float = 0.5
-    """[J] of the tank, when full."""
+    """[J] Energy of a full tank."""
 
     def __post_init__(self) -> None:
         for name in ("limit", "stop_at", "hold", "stiffness", "damping", "mass", "max_offset", "speed", "reserve"):
@@ -107,16 +101,17 @@ class Interaction:
             raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 
     def felt_function(self, dt: float) -> ca.Function:
-        """Force [N] (3,), whether it is measured, state (`FELT`), hand minus reference [m] (3,) -> state, verdict.
+        """Function: force [N] (3,), whether it is measured, state `FELT`, hand minus last reference [m] (3,) -> state,
+        verdict.
 
-        The state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. The hand is relative to
-        the reference of the last tick; NaN if unknown.
+        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. An unknown hand is
+        NaN.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
         old = FELT.symbols("state")
         size = ca.norm_2(force)
         again = ca.logic_or(size >= self.stop_at, ca.logic_and(old.stopped > 0, size >= self.release * self.stop_at))
-        left = ca.if_else(old.stopped > 1.5 * dt, old.stopped - dt, 0)  # by halves of a tick: rounding does not decide
+        left = ca.if_else(old.stopped > 1.5 * dt, old.stopped - dt, 0)  # half a tick of slack for rounding
         stopped = ca.if_else(again, self.hold, left)
         pace = ca.fmin(clipped((self.limit - size) / (self.limit - self.slow_from), 0, 1), old.pace + dt / REGAIN)
 
@@ -137,7 +132,7 @@ class Interaction:
             moved=ca.if_else(active, moved, 0), velocity=ca.if_else(active, velocity, 0), away=away, pace=pace,
             tank=tank, stopped=stopped, force=force, active=active,
         )  # fmt: skip
-        # Of a force that is no number nothing is known but that there is one.
+        # An invalid force counts as a force of unknown size.
         blind = FELT.changed(old, velocity=ca.SX.zeros(3), pace=ca.SX(0), active=ca.SX(1)).column
         valid = all_true(ca.fabs(force) < ca.inf)
         idle = ca.logic_not(ca.logic_or(measured, old.active))
@@ -162,8 +157,7 @@ class Interaction:
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
         """Displacement and velocity without the part that the hand, `away` (3,) [m] from its reference, missed.
 
-        Only the part along the missing displacement is removed. If the hand lags, or its reference is out of reach, the
-        hand still yields to a push in other directions.
+        Only the part along the missing displacement is removed, so the hand still yields to a push in other directions.
         """
         refused = moved - away
         missing = ca.norm_2(refused)
@@ -179,7 +173,7 @@ class Interaction:
         return FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.reserve})
 
     def too_large(self, felt: Array) -> str:
-        """Text of a stop for the force in a `FELT`."""
+        """Reason text of a stop for the force in a `FELT`."""
         size = math.hypot(*felt[FELT.places["force"]].tolist())
         if size >= self.stop_at:
             return f"interaction force of {size:.1f} N, at most {self.stop_at:g} N"

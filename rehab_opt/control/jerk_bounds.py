@@ -1,17 +1,18 @@
 """Velocity interval of each joint in this tick for drives with bounded jerk; never empty.
 
-A tick chooses u; with the last velocity v and change a = (v - v_before)/dt, finite differences have to keep
+A tick chooses the velocity u after the last velocity v and the last change a = (v - v_before)/dt. In this and all later
+ticks, finite differences satisfy
 
     |u| <= V,   |u - v| <= A dt,   |u - v - a dt| <= J dt^2,   lower <= q + u dt <= upper,
 
-in this and all later ticks. The state after u can stop if a continuous-time stop exists from u with an initial
-acceleration b that jerk can reach, |b - (u - v)/dt| <= J dt/2. The velocities of this stop at the ends of ticks are
-then commands that satisfy every difference, and a tick later such a b exists again. The shortest stop has jerk down to
-a deceleration p <= A, constant deceleration, and jerk up to rest. Held velocities travel further than this stop by a
-known distance, except for `MARGIN` J dt^3 when jerk changes within a tick. The stopping distance is convex in u, so two
-successive chords bound it on the safe side.
+with the bounds V, A and J of velocity, acceleration and jerk. The state after u can stop if a continuous-time stop
+exists from u with an initial acceleration b, |b - (u - v)/dt| <= J dt/2. The velocities of this stop at the ends of
+ticks satisfy every difference. The shortest stop has jerk down to a deceleration p <= A, constant deceleration, and
+jerk up to rest. Held velocities travel further than this stop by a known distance, up to `MARGIN` J dt^3. The stopping
+distance is convex in u, so two successive chords bound it on the safe side.
 
-Velocity, acceleration and jerk bounds never yield. A position limit yields only if nothing could satisfy it any more.
+Velocity, acceleration and jerk bounds are never relaxed. A position limit is relaxed only if no velocity can satisfy it
+any more.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ __all__ = ["JerkBounds"]
 Array = NDArray[np.float64]
 
 MARGIN = 0.03
-"""Margin before a limit as a fraction of J dt^3; 0.0225 were needed in 10^7 ticks."""
+"""Margin before a limit as a fraction of J dt^3; 0.0225 is the largest that was ever needed."""
 TINY = 1e-300
 
 
@@ -44,7 +45,7 @@ class JerkBounds(NamedTuple):
     chain : its position, velocity and acceleration limits.
     jerk : (n,) [rad/s^3 or m/s^3] finite, above zero.
     dt : [s] tick.
-    recovery_speed : fraction of the velocity limit at which a joint outside its limits comes back.
+    recovery_speed : fraction of the velocity limit at which a joint outside its limits returns.
     """
 
     chain: SerialChain
@@ -54,12 +55,7 @@ class JerkBounds(NamedTuple):
 
     @classmethod
     def checked(cls, chain: SerialChain, jerk: ArrayLike, dt: float, recovery_speed: float) -> JerkBounds:
-        """Checked bounds from a scalar or (n,) jerk.
-
-        Raises
-        ------
-        ConfigurationError : a jerk that is not positive and finite.
-        """
+        """Checked bounds from a scalar or (n,) jerk; raises `ConfigurationError` if it is not positive and finite."""
         bound = per_joint("jerk", jerk, chain.n, finite=True)
         if not np.all(bound > 0):
             raise ConfigurationError("jerk", jerk, "positive numbers, or None for no bound")
@@ -67,13 +63,13 @@ class JerkBounds(NamedTuple):
 
     @property
     def fastest_gain(self) -> float:
-        """[1/s] Largest feedback rate that the joints can follow with the time to build up acceleration."""
+        """Largest feedback rate [1/s] that the joints can follow with the time to build up acceleration."""
         built = np.minimum(self.chain.acceleration, np.sqrt(self.jerk * self.chain.velocity))
         return float(np.min(self.jerk / (4 * built)))
 
     @property
     def _change(self) -> ca.DM:
-        """(n,) largest change of velocity in a tick."""
+        """(n,) largest change of velocity in a tick, over dt."""
         return max_change(self.chain, self.dt) / self.dt
 
     @property
@@ -89,12 +85,12 @@ class JerkBounds(NamedTuple):
         movable = ca.DM(~self.chain.locked)
         speed = ca.DM(self.chain.velocity)
         back = self.recovery_speed * speed
-        calm = 0.5 * most / back  # the way back ends as gently
+        calm = 0.5 * most / back  # the return ends gently
         low, high = (ca.DM(np.clip(each, -FAR, FAR)) for each in (self.chain.lower, self.chain.upper))
         above, below = q > high + OUTSIDE, q < low - OUTSIDE
         first = last + dt * clipped(acceleration - jerk * dt, -most, most)
         final = last + dt * clipped(acceleration + jerk * dt, -most, most)
-        # Outside a limit: back, and no faster than recovery. A braking joint is not led back.
+        # Outside a limit the joint returns no faster than the recovery speed; a braking joint does not return.
         fast_up, fast_down = ca.if_else(below, back, speed), ca.if_else(above, back, speed)
         upper = clipped(self._up_to(last, fast_up), first, final)
         lower = clipped(-self._up_to(-last, fast_down), first, final)
@@ -108,7 +104,7 @@ class JerkBounds(NamedTuple):
         brake_lower = ca.if_else(below, clipped(rest_down, lower, final), -down)
         stop_upper = ca.if_else(above, led_up, ca.if_else(free_up, speed, up))
         stop_lower = ca.if_else(below, led_down, ca.if_else(free_down, -speed, -down))
-        # What leads back comes after what ends a change in time for the speed of recovery, or for the largest.
+        # The return comes after the bound that ends a change in time for the recovery or largest speed.
         lower, upper = (
             ca.if_else(below, clipped(led_down, lower, upper), -down),
             ca.if_else(above, clipped(led_up, lower, upper), up),
@@ -130,7 +126,7 @@ class JerkBounds(NamedTuple):
         )
 
     def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The interval without overshoot of the unconstrained velocities (n,): acceleration needs time to end."""
+        """Interval without overshoot of the unconstrained velocities (n,), since acceleration needs time to end."""
         slower = last <= unconstrained
         most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
         least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))
@@ -145,7 +141,7 @@ class JerkBounds(NamedTuple):
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
         """(n,) largest velocity that can stop before the limit; and whether the whole interval can."""
-        near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # who stands within the margin may stay
+        near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # a joint at rest within the margin may stay
 
         def beyond(u: ca.SX) -> ca.SX:
             return self._stop(u, last, q) - near
@@ -163,7 +159,7 @@ class JerkBounds(NamedTuple):
         dt, most, jerk = self.dt, self._change, self._jerk
         change = clipped((u - last) * (1 / dt), -most, most)
         root = ca.sqrt(2 * jerk * ca.fabs(u))
-        ends = ca.if_else(u >= 0, -root, root)  # what a single jerk ends at rest
+        ends = ca.if_else(u >= 0, -root, root)  # speed that a single jerk brings to rest
         a = clipped(clipped(ends, change - 0.5 * jerk * dt, change + 0.5 * jerk * dt), -most, most)
         turning = ca.if_else(u > 0, root**3 / (6 * jerk**2), 0)
         p = ca.fmin(ca.sqrt(ca.fmax(jerk * u + 0.5 * a**2, 0)), most)
@@ -173,5 +169,5 @@ class JerkBounds(NamedTuple):
         way = fall * (u + fall * (0.5 * a - jerk * fall / 6)) + hold * (slower - 0.5 * p * hold) + p**3 / (6 * jerk**2)
         further = u + 0.5 * a * ca.fabs(a) / jerk > 0
         way = ca.if_else(further, ca.fmax(way, 0), turning)
-        # Held velocities go on by half a tick's, and by what a sum of a curve's ends is more than the curve.
+        # Held velocities travel half a tick further, plus the excess of the sum over the integral.
         return q + 0.5 * dt * u - dt**2 / 12 * a + way

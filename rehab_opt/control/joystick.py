@@ -22,7 +22,7 @@ __all__ = ["STICK_MODES", "Button", "Joystick", "StickCommand", "StickMode", "ch
 Array = NDArray[np.float64]
 
 DEBOUNCE = 0.15
-"""[s] Presses within this time count as one, because contacts bounce and hands tremble."""
+"""[s] Presses within this time count as one, since contacts bounce and hands tremble."""
 
 
 class StickMode(NamedTuple):
@@ -31,13 +31,13 @@ class StickMode(NamedTuple):
     name: str
     rows: tuple[str, str]
     speeds: tuple[float, float]
-    """[m/s or rad/s] at full deflection; a negative value reverses an axis."""
+    """[m/s or rad/s] Hand speeds at full deflection; a negative value reverses an axis."""
     held: tuple[str, ...] = ()
-    """Rows held at zero while the stick moves the others: ("rx", "ry") keep a cup level."""
+    """Rows that stay at zero while the stick moves the others: ("rx", "ry") keep a cup level."""
 
     @property
     def task_rows(self) -> tuple[str, ...]:
-        """Rows of the task: the stick's two, or those and the held ones in the order of `ROWS`."""
+        """The stick's two rows and the held ones, in the order of `ROWS` if there are held ones."""
         return tuple(row for row in ROWS if row in (*self.rows, *self.held)) if self.held else self.rows
 
 
@@ -46,7 +46,7 @@ STICK_MODES = (StickMode("plane", ("x", "y"), (0.25, 0.25)), StickMode("lift", (
 
 
 class StickCommand(NamedTuple):
-    """The user's command, as arguments of `RedundancyResolver.step`."""
+    """User's command, as arguments of `RedundancyResolver.step`."""
 
     twist: Array
     """(k,) [m/s or rad/s], read-only; zero without a command, and for held rows."""
@@ -54,18 +54,16 @@ class StickCommand(NamedTuple):
     frame: str
     """Always the chair's frame, so that the stick keeps its meaning as the chair turns."""
     gripper_closed: bool
-    """Desired state of the gripper."""
     reason: str
-    """Reason for no command despite a deflection; empty otherwise."""
+    """Reason for a zero command despite a deflection; empty otherwise."""
 
 
 class Joystick(OneThread):
-    """Converts stick deflections to hand velocities in one of several modes.
+    """Convert stick deflections to hand velocities in one of several modes.
 
-    A round dead zone suppresses tremor and keeps the direction; beyond it the speed grows from zero. The deflection
-    follows the stick at `rate`; a released stick stops at once, within the resolver's accelerations. At the beginning,
-    after a change of mode and after a fault, the stick must first return to the centre. An object belongs to one
-    thread: see `OneThread`.
+    A round dead zone suppresses tremor; beyond it the speed grows from zero. The deflection follows the stick at
+    `rate`; a released stick stops at once, within the resolver's accelerations. At the beginning, after a change of
+    mode and after a fault, the stick must first return to the centre. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -92,7 +90,7 @@ class Joystick(OneThread):
 
     @property
     def mode(self) -> StickMode:
-        """The current mode."""
+        """Current mode."""
         return self.modes[self._mode]
 
     def reset(self) -> None:
@@ -104,7 +102,7 @@ class Joystick(OneThread):
         self._give_away()
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
-        """The user's current command. Numbers raise no error.
+        """User's current command; invalid numbers give a zero command with a reason.
 
         Parameters
         ----------
@@ -154,7 +152,7 @@ def stepped_towards(last: Array, target: Array, most: float) -> Array:
 
 
 class Button:
-    """Detects presses of a button."""
+    """Detect presses of a button."""
 
     def __init__(self, dt: float) -> None:
         self._ticks = math.ceil(DEBOUNCE / dt)
@@ -162,10 +160,10 @@ class Button:
         self._down, self._since = None, self._ticks
 
     def press(self, down: object) -> bool:
-        """Whether a press begins now; call it in every tick."""
+        """Whether a press begins now; to be called in every tick."""
         now = is_true(down)
         if self._down is None:
-            self._down = now  # one that is down from the beginning is stuck, not pressed
+            self._down = now  # a button that is down from the beginning is stuck
         begun = now and not self._down and self._since >= self._ticks
         self._since = 0 if now != self._down else self._since + 1
         self._down = now
@@ -173,7 +171,7 @@ class Button:
 
 
 def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
-    """Checked modes that a resolver can follow."""
+    """Check that a resolver can follow the modes."""
     if not isinstance(modes, (list, tuple)) or isinstance(modes, StickMode) or not modes:
         raise ConfigurationError("modes", modes, "a list or tuple of at least one StickMode")
     checked = tuple(_checked_mode(f"modes[{i}]", mode) for i, mode in enumerate(modes))

@@ -1,4 +1,4 @@
-"""Check of a state by enable input, stamps and joints that do not follow; and the joints' references."""
+"""Check a state by enable input, stamps and joints that do not follow; compute the joints' commanded positions."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from rehab_opt.symbolic.record import Record
 __all__ = ["GIVEN", "judged_memory", "judged_state", "nothing_known"]
 
 GIVEN = Record(stamp=1, kind=1, enable=1, judged=1)
-"""A state's stamp [s] and its kind, see `stamp_and_kind`; the dead man's switch; and whether the state was already
-judged in this tick, so that nothing counts twice."""
+"""Stamp [s] of a state and its kind, see `stamp_and_kind`; dead man's switch; whether the state was already judged in
+this tick, so that nothing counts twice.
+"""
 
 
 @cache
 def judged_memory(n: int, led: int) -> Record:
-    """Memory of the checks of a state of n joints.
+    """Memory of the checks of a state of n joints, with `led` numbers of a `FrontEnd`.
 
-    Stamps; joint that does not follow (fault, joint, distance); `led` numbers of a `FrontEnd`; whether the last stamp
-    went back.
-
-    Also for the current state: number of the reason why it is invalid, 0 for none; joint that does not follow, -1 for
-    none; details, such as its distance [rad or m]; whether the joints restart at rest; and the previous command (n,).
+    The memory holds stamps, a joint that does not follow (fault, joint, distance), the front end, and whether the last
+    stamp went back. For the current state it holds the number of the reason why the state is invalid (0 for none), the
+    joint that does not follow (-1 for none), details such as its distance [rad or m], whether the joints restart at
+    rest, and the previous command (n,).
     """
     return Record(
         stamps=STAMPS.size, lost=3, led=led, back=1, reason=1, element=1, details=2, rested=1,
@@ -37,7 +37,7 @@ def judged_memory(n: int, led: int) -> Record:
 
 
 def nothing_known(record: Record) -> ca.SX:
-    """A `judged_memory` before the first state."""
+    """`judged_memory` before the first state."""
     parts = {name: ca.SX.zeros(place.stop - place.start) for name, place in record.places.items()}
     stamps = STAMPS.of(last=ca.SX.nan(), lag=ca.SX(0), stamped=ca.SX(0), ahead=ca.SX(0))
     return record.of(**parts | {"stamps": stamps, "element": ca.SX(-1)})
@@ -46,18 +46,18 @@ def nothing_known(record: Record) -> ca.SX:
 def judged_state(
     n: int, size: int, *, dt: float, max_age: float, led: FrontEnd | None, sent: slice, motion: slice
 ) -> ca.Function:
-    """Positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
+    """Function: positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
-    After a pause of the stamps the joints restart at rest at their measured positions, unless they have continued as
-    commanded; a command that jumps to rest is flagged (`Relaxed.ACCELERATION`). The memory of a resting robot that
-    is not enabled is cleared: it may be moved by hand, and this acknowledges a fault. Reference positions replace the
-    measured ones.
+    The commanded positions replace the measured ones. After a pause of the stamps the joints restart at rest at their
+    measured positions, unless they have continued as commanded. A command that jumps to rest is flagged
+    (`Relaxed.ACCELERATION`). The memory of a resting robot that is not enabled is cleared: the robot may be moved by
+    hand, and this acknowledges a fault.
 
     Parameters
     ----------
     dt, max_age : see `Watchdog`.
-    led : None for joints exactly at their commanded positions. sent : slice of the controller's memory with the
-        command.
+    led : None for joints exactly at their commanded positions.
+    sent : slice of the controller's memory with the command.
     motion : slice of the memory, after velocity and position, that is zero at rest.
     """
     record = judged_memory(n, led.size if led else 0)
@@ -70,7 +70,7 @@ def judged_state(
     last = memory[sent]
     after, reference, rests, lost, missing = own.led, q, ca.SX(0), own.lost, ca.SX(0)
     if led is not None:
-        # What follows a stamp that went back has only come forward again.
+        # A stamp that follows one that went back may only have come forward again.
         paused = ca.logic_and(stamps.reason == NUMBER["STAMP_GAP"], ca.logic_not(own.back))
         moved, gap = led.shortest(q - led_memory(n).parts(own.led).seen), stamps.details[0]
         went_on = ca.logic_and(
@@ -78,7 +78,7 @@ def judged_state(
             ca.norm_2(moved) <= 2 * ca.norm_2(last) * gap + JUMP,
         )
         rests = ca.logic_and(paused, ca.logic_not(went_on))
-        # What a late servo has under way stays under way, but for a long pause. A first sample may be wrong.
+        # A late servo keeps its past commands, except after a long pause. A first sample may be wrong.
         numbers = all_true(ca.fabs(q) <= MAX_MAGNITUDE)
         commanded = ca.if_else(ca.logic_and(paused, numbers), moved / dt, last)
         parts = led_memory(n).parts(own.led)
@@ -89,7 +89,7 @@ def judged_state(
         )
         found = SAID.parts(said)
         lost = ca.if_else(lost[0] > 0, lost, found.fault * ca.vertcat(1, found.joint, found.far))
-        missing = ca.logic_and(found.missing, all_true(ca.fabs(q) <= MAX_MAGNITUDE))  # others are named by the tick
+        missing = ca.logic_and(found.missing, all_true(ca.fabs(q) <= MAX_MAGNITUDE))  # the tick reports others
     goes_on = ca.SX(memory)
     for part in (slice(n), motion):
         goes_on[part] = ca.if_else(rests, 0, goes_on[part])

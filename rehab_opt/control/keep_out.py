@@ -1,4 +1,4 @@
-"""Keep-outs of the arm: capsules of chair and user, as limits now and on the way to the stop posture."""
+"""Keep-outs of the arm, the capsules of chair and user, as limits now and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ __all__ = ["ALONG", "ArmKeepOuts"]
 ALONG = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the way to the stop posture at which keep-outs are checked, besides its beginning."""
 MARGIN = 12e-3
-"""[m] Extra distance from a keep-out at the stop posture, because links turn and rows are tangents."""
+"""[m] Extra distance from a keep-out at the stop posture, since links turn and rows are tangents."""
 FAST = 0.4
-"""[m] Motion of the hand to the stop posture from which the full margin applies; below it the margin grows with the
-square of the motion."""
+"""[m] Hand motion to the stop posture at which the full margin applies; the margin grows with its square."""
 CLEAR = 5e-4
 """[m] Margin of the arm to keep-outs, doubled at the stop posture."""
 TINY = 1e-12
@@ -33,9 +32,9 @@ TOUCHING = 1e-9
 class ArmKeepOuts:
     """Every distance h of a link from a keep-out is zero or more at the end of a tick, or no less than now.
 
-    `limits` are linear. At q, h falls by at most h / T per second, and within the margin, where an arm slides along, no
-    faster than braking allows while `CLEAR` is left. At the place of `ALONG` with the least distance, h stays above a
-    margin that grows along the way, to first order in the change of u. `no_deeper` checks the exact posture.
+    `limits` are linear. At the posture q, h falls by at most h / T per second. Within the margin, h falls no faster
+    than braking allows while `CLEAR` is left, so that an arm can slide along a keep-out. At the place of `ALONG` with
+    the least distance, h stays above a margin that grows along the way. `no_deeper` checks the exact posture.
 
     Parameters
     ----------
@@ -49,12 +48,12 @@ class ArmKeepOuts:
         self._gaps = ca.Function("gaps", [arm], [gaps], {"cse": True})
         self._opening = ca.Function("opening", [arm], [opening, gaps], {"cse": True})
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
-        """Joints of the arm, from 0, that move its links; a last joint whose axis passes through the hand does not."""
+        """Arm joints, from 0, that move the links; a last joint whose axis passes through the hand does not."""
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
-        """Limits [m/s] for this tick and the way to the stop posture; the arm's clearance [m], negative inside.
+        """Limits [m/s] now and on the way to rest, at q (n,) after `last` (n,), and the arm's clearance [m].
 
-        At joint positions q (n,), after the command `last` (n,). Rows are computed only if a keep-out can matter.
+        The clearance is negative inside a keep-out. Rows are computed only if a keep-out can matter.
         """
         n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
         if not count:
@@ -74,13 +73,13 @@ class ArmKeepOuts:
         return now, then.beyond(self.braking.slower(last)), clearance
 
     def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Whether a keep-out can matter at arm joints (4,) after speeds up to (4,); the arm's clearance [m]."""
+        """Whether a keep-out can matter at arm joints (4,) after speeds up to (4,), and the arm's clearance [m]."""
         clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(fastest + self.braking.change[CHAIR:])
         return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
 
     def clear(self, u: ca.SX, clearance: ca.SX) -> ca.SX:
-        """1 if every keep-out is further away than a tick of u (n,) can move."""
+        """1 if every keep-out is further away than a tick of u (n,) can move the arm."""
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
@@ -89,15 +88,15 @@ class ArmKeepOuts:
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and their upper bounds [m/s].
+        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and their upper
+        bounds [m/s].
 
-        First those of the current posture, negative within its margin. Then those of the place with the least distance
-        on the way to rest; their bounds leave room for the braking.
+        The first c rows are at the current posture, the others at the least distance on the way to rest.
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time
         apart = time / len(ALONG)
-        # In the middle of the tick: there a link that slides along a keep-out comes no nearer.
+        # At mid-tick a link that slides along a keep-out comes no nearer.
         opening, gaps = self._opening(arm + last * (self.dt / 2))
         now, free = -opening, (gaps - self._margin(0.0, last)) / time
         then, left = 0 * opening, ca.SX.inf(now.size1())
@@ -107,7 +106,7 @@ class ArmKeepOuts:
             opening, here = self._opening(arm + part * time * slower)
             changes = opening @ slower
             rises = ca.fmax(changes, 0)
-            # Where it falls and then rises from the place before, the least of a parabola; else this place.
+            # The minimum of a parabola if the distance falls and then rises from the previous place; else this place.
             dips = ca.logic_and(falls < 0, rises > 0)
             fraction = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
             least = ca.if_else(dips, gaps + falls * fraction * apart / 2, here)
@@ -121,7 +120,7 @@ class ArmKeepOuts:
         return ca.Function("keep_out_rows", inputs, [ca.densify(found)])
 
     def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
-        """[m] margin at a fraction of the way to the stop posture: the error of tangents in a tick, and `MARGIN`."""
+        """Margin [m] at a fraction of the way to rest: the error of tangents in a tick, and `MARGIN`."""
         swinging, time = self._swinging, self.braking.time
         change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
         speed = ca.sum1(ca.fabs(velocity[swinging]))
@@ -137,17 +136,15 @@ class ArmKeepOuts:
 
 
 def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(c, k) derivative of each link's distance from each keep-out by the arm's k joints [m/rad], and the distances
-    (c,) [m].
-
-    The closest points move with their links; their change does not matter to first order.
+    """(c, k) derivative [m/rad] of each link's distance from each keep-out by the arm's k joints, and distances (c,)
+    [m].
     """
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR
 
     def ends(of: LinkEnd) -> tuple[ca.SX, ca.SX]:
-        """(3,) [m] position, and (3, k) its derivative by the arm's joints."""
+        """(3,) [m] position, and its derivative (3, k) by the arm's joints."""
         point = of.place(frames)
         if not of.moves:
             return point, ca.SX(3, count)
@@ -168,16 +165,16 @@ def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
-    """Fraction, 0 to 1, of the segment from `begin` to `end` closest to the capsule's; the vector there (3,)."""
+    """Fraction, 0 to 1, of the segment from `begin` to `end` closest to the capsule's, and the vector there (3,)."""
     start, other = ca.DM(capsule.start), ca.DM(capsule.end) - ca.DM(capsule.start)
     along, gap = end - begin, begin - start
-    a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # of a link that is a ball any share will do
+    a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # any fraction is right for a ball
     c, f = ca.dot(along, gap), ca.dot(other, gap)
     if e < TOUCHING**2:  # the capsule is a ball
         fraction = clipped(-c / a, 0, 1)
         return fraction, gap + fraction * along
     b = ca.dot(along, other)
-    across = a * e - b * b  # zero where they are parallel: then any point will do to begin with
+    across = a * e - b * b  # zero if parallel: then any point can be the start
     first = ca.if_else(across > TOUCHING, clipped((b * f - c * e) / ca.fmax(across, TOUCHING), 0, 1), 0)
     place = clipped((b * first + f) / e, 0, 1)
     fraction = clipped((b * place - c) / a, 0, 1)

@@ -25,15 +25,13 @@ Array = NDArray[np.float64]
 ROUNDING = 1e-12
 """Allowed rounding below zero, in the distance's unit."""
 PARTS = (0.75, 0.5, 0.25)
-"""Fractions that are tried if a command passes a limit: of the way from braking to the QP's answer, and of braking
-itself."""
+"""Fractions that are tried if a command violates a limit: blends of braking and the answer, then parts of braking."""
 NEAR = 1e-13
 """[m] Approach of bodies that counts as rounding."""
 PASSES = 2
-"""Passes over all limits in the search for a velocity that satisfies them."""
+"""Number of passes over all limits in the search for a velocity that satisfies them."""
 START = 0.1
-"""Fraction of the largest speed that a joint may reach in one tick and that the margin still covers, for any
-acceleration."""
+"""Fraction of the largest speed that a joint may reach in one tick and that the margin still covers."""
 FLAT = 0.05
 """[m/rad] Slope of a distance between bodies below which the return from within the margin slows down."""
 SLACK = 1e-5
@@ -43,30 +41,30 @@ ROWS = 3
 MATTERS = 0.05
 """Fraction of a slope's largest entry; a joint below it does not help to satisfy the limit."""
 RETURN = 0.01
-"""[m/s] Speed of the return from within a margin for which accelerations yield."""
+"""[m/s] Speed of the return from within a margin for which acceleration limits are relaxed."""
 TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """A limit of the posture: every distance h(q) is zero or above at the end of every tick.
+    """Limit of the posture: every distance h(q) is zero or more at the end of every tick.
 
     h(q) >= 0, through the barrier grad h . q' >= -rate h;  `Relaxed.POSITION` reports that h(q) is below zero
 
     Parameters
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. They must be
-        smooth near zero. Up to three make rows of the QP, those closest to zero relative to their rate; all are checked
-        at the end of the tick. If a distance, or its slope near zero, is not a number, the robot stops at once.
-    rate : [1/s] largest decay rate of a distance; default 1/T with T the longest time in which a joint stops from its
-        largest speed, so that all joints can brake together before the limit.
+        smooth near zero. The three distances closest to zero, relative to their rate, make rows of the QP; all are
+        checked at the end of the tick. If a distance, or its slope near zero, is not a number, the robot stops at once.
+    rate : [1/s] largest decay rate of a distance. The default is 1/T with the longest time T in which a joint stops
+        from its largest speed, so that all joints can brake together before the limit.
     """
 
     distances: Callable[[SerialChain, ca.SX], ca.SX]
     rate: float | None = None
 
     def at(self, chain: SerialChain, q: ca.SX) -> ca.SX:
-        """(k,) the distances at q (n,)."""
+        """(k,) distances at q (n,)."""
         return ca.densify(ca.vec(ca.SX(self.distances(chain, q))))
 
     def slopes(self, chain: SerialChain, q: ca.SX) -> ca.SX:
@@ -78,10 +76,10 @@ class Limit:
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Distances at q (n,), their slopes (k, n), and the curvature loss of each along `way` (n,).
+        """The up to three distances at q (n,) that are smallest after `ways` times `way` (n,); slopes (k, n); curvature
+        loss.
 
-        They are the three distances, at most, that are smallest after this number of `ways`. The loss is the difference
-        between a distance and its tangent after one `way`.
+        The curvature loss is the difference between a distance and its tangent after one `way`.
         """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
@@ -119,7 +117,7 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
         q = ca.SX.sym("q", chain.n)
         try:
             column = each.at(chain, q)
-            ca.Function("limit", [q], [column])  # other symbols are refused
+            ca.Function("limit", [q], [column])  # refuses other symbols
         except (TypeError, ValueError, AttributeError, IndexError, RuntimeError, NotImplementedError) as problem:
             expected = f"an expression of q ({' '.join(str(problem).split())[:200]})"
             raise ConfigurationError(f"limits[{i}].distances", each.distances, expected) from problem
@@ -135,12 +133,7 @@ def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, 
 def all_limits(
     limits: Sequence[Limit | Clearance], chain: SerialChain, dt: float, recovery_speed: float
 ) -> PostureLimits:
-    """The limits of an arm, with at most one `Clearance`.
-
-    Raises
-    ------
-    ConfigurationError : as for `checked_limits` and `checked_clearance`; more than one clearance.
-    """
+    """Limits of an arm, with at most one `Clearance`; errors as for `checked_limits` and `checked_clearance`."""
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, (Limit, Clearance)) for each in limits):
         raise ConfigurationError("limits", limits, "a list or tuple, each a Limit or a Clearance")
     found = [(f"limits[{i}]", each) for i, each in enumerate(limits) if isinstance(each, Clearance)]
@@ -153,16 +146,16 @@ def all_limits(
 
 
 class PostureLimits:
-    """The limits of one arm in one tick.
+    """Limits of one arm in one tick.
 
-    A row is the tangent at the beginning of a tick, and the distance is checked at its end. Rows keep a margin of about
-    the square of the joint motion in a tick; within the margin they move the arm away again. Limits take precedence
-    over accelerations, also while braking; speeds and joint limits take precedence over limits.
+    A row is the tangent at the beginning of a tick; the distance is checked at its end. Rows keep a margin of about the
+    square of the joint motion in a tick; within the margin they move the arm away again. Limits take precedence over
+    accelerations, also while braking; speeds and joint limits take precedence over limits.
 
     Parameters
     ----------
     limits : from `checked_limits`. chain : the arm. dt : tick [s].
-    clearance : its pairs, if there is a `Clearance`: each of its contacts makes a row, after those of the limits.
+    clearance : pairs of a `Clearance` or None; each contact makes a row, after those of the limits.
     recovery_speed : largest speed of the return into a limit, as a fraction of the joints' speeds.
     """
 
@@ -199,7 +192,7 @@ class PostureLimits:
         return 0 if self.clearance is None else self.clearance.moving_size
 
     def capsule_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
-        """(k, 14) moving capsules from `moving_numbers`.
+        """Moving capsules (k, 14) from `moving_numbers`.
 
         Raises
         ------
@@ -235,8 +228,8 @@ class PostureLimits:
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r, and `base`, moved within `ends` so that it satisfies the rows, see `rows`.
 
-        The velocities are q' = turn u. If limits are still passed in this tick, `base` is moved further, within `hard`.
-        If `gives_way` is 0, it does not give way to approaching bodies and does not leave a margin.
+        The velocities are q' = turn u. If `base` still violates a limit in this tick, it moves further, within `hard`.
+        If `gives_way` is 0, `base` does not move away from approaching bodies and does not leave a margin.
         """
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
@@ -256,15 +249,14 @@ class PostureLimits:
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r for the limits on the way of u, to first order about `last` (n,).
 
-        If u is constant and rest satisfies the limits, every row allows rest.
+        If rest satisfies the limits, every row allows rest.
 
         Parameters
         ----------
         bodies : output of `bodies_on_the_way`.
         way : q (n,), u (n,), t -> (n,) joint positions after t [s] of u.
-        seconds : the checked times, positive and equally spaced; each makes its own rows. Between two times a distance
-            may be smaller, by an eighth of the curvature of a parabola through three of them.
-        change : (n,) largest change of u in a tick; the error of the tangents for it is kept as a margin.
+        seconds : checked times, positive and equally spaced; each makes its own rows.
+        change : (n,) largest change of u in a tick; the rows' margin covers the tangents' error for it.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
@@ -281,10 +273,8 @@ class PostureLimits:
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM
     ) -> ca.Function:
-        """q, u (n,), moving capsules -> (slots, 1 + n) remaining distances to bodies at their current positions, and
+        """Function: q, u (n,), moving capsules -> (slots, 1 + n) least remaining distances to bodies at rest, and
         slopes.
-
-        They are the contacts with the least distance on the way, at rest, see `on_the_way`.
         """
         assert self.clearance is not None
         n, k = self.chain.n, self.clearance.max_contacts
@@ -302,11 +292,10 @@ class PostureLimits:
         return ca.Function("bodies_on_the_way", inputs, [every[least(every.size1(), k)(every[:, 0]), :]])
 
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
-        """(n,) `velocity`, corrected if it would come nearer to a body than the margin; acceleration yields.
+        """(n,) `velocity`, corrected if it would come nearer to a body than the margin; may exceed accelerations.
 
-        Within the margin the arm gives way to approaching bodies and returns at `RETURN`; the QP returns faster, within
-        accelerations. The contacts are those at the end of the tick (`contacts` with twice its time): a Newton step,
-        without the error of the rows' tangents, which follow the last velocity.
+        Within the margin the arm moves away from approaching bodies and returns at `RETURN`. The correction is a Newton
+        step for the contacts at the end of the tick (`contacts` with twice its time).
         """
         assert self.clearance is not None
         distances, slopes, changes = self.clearance.read(contacts)
@@ -319,9 +308,9 @@ class PostureLimits:
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """q, moving capsules, unconstrained, braking -> the first velocity (n,) for which `judged` gives 1.
+        """Function: q, moving capsules, unconstrained, braking -> first velocity (n,) for which `judged` gives 1.
 
-        It tries `unconstrained`, then blends with `braking`, then fractions of that, in this order.
+        The velocities are tried in this order: `unconstrained`, blends with `braking`, fractions of `braking`.
         """
         n = self.chain.n
         q, told = ca.MX.sym("q", n), ca.MX.sym("moving", judged.numel_in(1))
@@ -338,15 +327,14 @@ class PostureLimits:
 
     @cached_property
     def judged(self) -> ca.Function:
-        """q, moving capsules, velocity -> 1 if no distance falls below zero, or below its value at rest.
-
-        NaN fails.
+        """Function: q, moving capsules, velocity -> 1 if no distance falls below zero, or below its value at rest; NaN
+        fails.
         """
         return self._and_kept(self.clear)
 
     @cached_property
     def all_clear(self) -> ca.Function:
-        """The same, but no body may be nearer than its margin, even by its own motion."""
+        """`judged`, but no body may be nearer than its margin, even by its own motion."""
         q, told, velocity = self._tick_symbols()
         assert self.clearance is not None
         ends = self.clearance.distances(q + velocity * self.dt, told, self.dt)
@@ -369,7 +357,7 @@ class PostureLimits:
 
     @cached_property
     def _none_below(self) -> ca.Function:
-        """Distances -> 1 if all are zero or more."""
+        """Function: distances -> 1 if all are zero or more."""
         assert self.clearance is not None
         then = ca.SX.sym("then", len(self.clearance.names))
         return ca.Function("clear", [then], [all_true(then >= 0)])
@@ -406,7 +394,8 @@ class PostureLimits:
         return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, their largest allowed decrease per second, and for this tick only (m,).
+        """Slopes (m, n) of the least distances, their largest allowed decrease per second (m,), and that for this tick
+        (m,).
 
         A distance below zero must increase.
         """
@@ -424,10 +413,10 @@ class PostureLimits:
     def _between_bodies(
         self, last: ca.SX, distances: ca.SX, slopes: ca.SX, changes: ca.SX
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The same for contacts; their slopes are those at the middle of the tick, at the last velocity."""
+        """`_now` for contacts; the slopes are those at mid-tick, at the last velocity."""
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
-        # Where a distance is nearly as large as a posture can make it, no joint goes to and fro about that posture.
+        # Near the posture of the largest distance no joint moves to and fro.
         steep = ca.fabs(slopes) * ca.fmin(ca.fabs(slopes) / FLAT, 1)
         free = ca.fmax(self._fractions[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
@@ -435,8 +424,8 @@ class PostureLimits:
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, these (m,), and the largest error of their tangents (m,).
 
-        It is the error for the last velocity in a tick, plus a margin for a change of it. A missing margin is regained
-        within a tick, so that an arm at a limit can start to move along it.
+        The error is that of the last velocity in a tick, plus a margin for a change of velocity. A missing margin is
+        regained within a tick, so that an arm at a limit can start to move along it.
         """
         seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
@@ -459,8 +448,8 @@ def kept_within(
 ) -> ca.SX:
     """(n,) `rest`, moved limit by limit towards the end of an interval that satisfies the limit, as far as needed.
 
-    Motion that still passes zero in this tick is removed along that limit's slope, within the `outer` ends that never
-    yield. If that is not enough, all joints are slowed alike; only there acceleration yields.
+    Motion that still violates a limit in this tick is removed along that limit's slope, within the `outer` ends. If
+    that is not enough, all joints are slowed alike; only then is the acceleration limit relaxed.
     """
     (lower, upper), (slopes, free, hard) = ends, now
     u = rest
@@ -471,12 +460,12 @@ def kept_within(
         over, most = -ca.dot(slope, u) - free[i], ca.dot(slope, end - u)
         u += ca.if_else(over > 0, ca.fmin(over / ca.fmax(most, TINY), 1), 0) * (end - u)
     u = _led_across(u, slopes, hard, outer)
-    closing, least = -slopes @ u, ca.fmax(hard, 0)  # to slow down helps against what the arm does itself
+    closing, least = -slopes @ u, ca.fmax(hard, 0)  # slowing down only helps against the arm's own motion
     return ca.fmin(1, ca.mmin(ca.if_else(closing > least, least / ca.fmax(closing, TINY), 1))) * u
 
 
 def _led_across(velocity: ca.SX, slopes: ca.SX, hard: ca.SX, outer: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """(n,) `velocity`, corrected along the slope of each limit that it passes in this tick, within the `outer` ends."""
+    """(n,) `velocity`, corrected along the slope of each limit that it violates in this tick, within `outer`."""
     u = velocity
     for i in list(range(slopes.size1())) * PASSES:
         slope = slopes[i, :].T

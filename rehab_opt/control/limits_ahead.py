@@ -40,20 +40,19 @@ PLACES = (0.0, 1.0)
 BRAKED = tuple(k / 8 for k in range(8))
 """Fractions of the way to rest at which hand speeds are checked."""
 FURTHEST = 2 / 3**1.5
-"""Largest x sqrt(1 - x)."""
+"""Maximum of x sqrt(1 - x) for 0 <= x <= 1."""
 CLEAR, BEND = 5e-5, 30.0
 """[rad] Least margin of rows before a limit, in joint motion; [1/rad] error of tangents in a tick."""
 CLOSE = 2.0
-"""h is checked at three points only if their least value exceeds so many times their spread; from 1 on that is enough
-for h that is convex, or concave, along the way."""
+"""Three points suffice to check h if their least value exceeds this many times their spread."""
 FLAT, ASIDE = 2e-3, 0.1
-"""[1/rad] Slope that shows no way back from below zero; [rad or m] distance at which another slope is taken then."""
+"""[1/rad] Slope too small to show a way back from below zero; [rad or m] distance at which h is differentiated then."""
 PUSH = 0.3
 """Fraction of a missing margin that is regained per tick."""
 
 
 class State(NamedTuple):
-    """The state of a tick, as expressions."""
+    """State of a tick, as expressions."""
 
     q: ca.SX
     """(n,) current joint positions."""
@@ -70,7 +69,7 @@ class Way(NamedTuple):
 
     state: State
     u: ca.SX
-    """(n,) the command."""
+    """(n,) command."""
     ticks: ca.SX
     """F: braking distance of the command, in ticks at its velocity."""
 
@@ -112,7 +111,8 @@ class JointAcceleration(Bound):
 class HandSpeed(Bound):
     """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and on the way to rest.
 
-    At a fraction x of the way to rest, sqrt(1 - x) of the speed is left.
+    J_v and J_w are the linear and angular Jacobian. At a fraction x of the way to rest, sqrt(1 - x) of the speed is
+    left.
     """
 
     def __init__(self, chain: SerialChain, manoeuvre: Manoeuvre, *, linear: float, angular: float) -> None:
@@ -126,7 +126,7 @@ class HandSpeed(Bound):
         self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
-        """The larger of the two ratios of a twist's (6,) speeds to their limits."""
+        """Larger of the two ratios of a twist's (6,) speeds to their limits."""
         return ca.fmax(ca.norm_2(twist[:3]) / self._most[0], ca.norm_2(twist[3:]) / self._most[1])
 
     def part(self, jacobian: ca.SX, a: ca.SX, b: ca.SX) -> ca.SX:
@@ -142,8 +142,7 @@ class HandSpeed(Bound):
         """Upper bound of `excess`, from J(q) only.
 
         A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|) with r_i
-        the longest column of J_v at any posture, and J_w u by as much with 1 for r_i. On the way to rest this change
-        times the speed that is left is largest at x = 2/3.
+        the longest column of J_v at any posture, and J_w u by as much with r_i = 1.
         """
         size, over = ca.fabs(way.u), []
         turned = self._manoeuvre.dt * ca.sum1(size)
@@ -173,7 +172,7 @@ class Rows(NamedTuple):
 
 
 class Posture(Protocol):
-    """h(q, t) >= 0, with bodies that move on for t [s]; `moving` are their values."""
+    """h(q, t) >= 0, with bodies that move on for t [s]; `moving` holds their values."""
 
     places: int
     """Number of checked points on the way to rest."""
@@ -199,7 +198,7 @@ class UserLimits:
         for each in self._limits:
             h, slopes = each.at(chain, q), each.slopes(chain, q)
             seconds = 0.0 if each.rate is None else 1 / each.rate
-            ahead = h + seconds * (slopes @ way)  # what falls at its rate is among the least
+            ahead = h + seconds * (slopes @ way)  # a distance that falls at its rate is among the least
             table = smallest_rows(ca.horzcat(ahead, h, slopes), each.count(chain))
             tables.append(table[:, 1:])
         self._tangents = ca.Function("tangents", [q, way], [ca.vertcat(*tables)])
@@ -242,7 +241,7 @@ class Bodies:
 class Kept(Bound):
     """h(q, t) >= 0 after the tick and on the way to rest.
 
-    Between two points it is checked at the minimum of a parabola through three points.
+    Between two points h is checked at the minimum of a parabola through three points.
 
     Parameters
     ----------
@@ -263,7 +262,7 @@ class Kept(Bound):
         return ca.vertcat(ca.SX(0, 1), *(2 * ROUNDING - self._along(tick, each, way) for each in self._kinds))
 
     def _along(self, tick: Stages, kind: Posture, way: Way) -> ca.SX:
-        """(k,) h on the way to rest; between its ends and its middle only if those are close to zero."""
+        """(k,) h on the way to rest; at all points only if h is close to zero at its ends and its middle."""
 
         def at(part: float) -> ca.SX:
             place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
@@ -289,14 +288,14 @@ class Kept(Bound):
         return ca.vertcat(*(each.tangents(tick, there, seconds, way.state) for each in self._kinds))
 
     def far(self, tick: Stages, way: Way) -> ca.SX:
-        """Whether a command leads nowhere near any of them, so that their rows are not needed."""
+        """Whether a command leads nowhere near any limit, so that the rows are not needed."""
         if any(rate is not None for each in self._kinds for rate in each.rates):
             return ca.SX(0)
         lever = self._manoeuvre.dt * (1 + way.ticks)
         return all_true(self.excess(tick, way) <= -self._margin(lever))
 
     def _margin(self, lever: ca.SX) -> ca.SX:
-        """[rad] Margin of the rows before a limit, in joint motion."""
+        """Margin [rad] of the rows before a limit, in joint motion."""
         dt = self._manoeuvre.dt
         return CLEAR + (dt**2 + BEND * (lever - dt) ** 2) * ca.sumsqr(self._manoeuvre.change)
 
@@ -328,13 +327,13 @@ class Kept(Bound):
             away = ca.fmax(ca.fmin(PUSH * (margin - h), 0.5 * can), 0) / lever
             away = ca.fmin(away, ca.fabs(slopes) @ one.back)
             upper = ca.fmax(h - margin, 0) / lever - slopes @ brake
-            if part == 0:  # -dh/dt <= (1 - exp(-rate dt)) / dt h, or what braking needs
+            if part == 0:  # -dh/dt <= (1 - exp(-rate dt)) / dt h, or as braking needs
                 upper = ca.fmin(upper, ca.fmax(self._decays * (h - lever * slopes @ brake), -slopes @ brake))
             found.append(Rows(slopes, away, upper, h, lever * ca.SX.ones(h.numel())))
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
 
     def _aside(self, q: ca.SX) -> ca.SX:
-        """(n,) from q to a nearby posture that shows a way up, if h is below zero without a slope at q."""
+        """(n,) step from q to a nearby posture that shows a way up, if h is below zero without a slope at q."""
         size = ca.DM(np.linspace(0.5, 1, self._chain.n) * ASIDE)
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
@@ -347,7 +346,7 @@ class Kept(Bound):
 
 
 def _with_parabolas(h: Sequence[ca.SX]) -> ca.SX:
-    """All h, and the least of each parabola through three of them."""
+    """All h, and the minimum of each parabola through three of them."""
     lowest = []
     for a, b, c in zip(h, h[1:], h[2:], strict=False):
         fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)

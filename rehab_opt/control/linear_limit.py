@@ -23,7 +23,7 @@ class LinearLimit(NamedTuple):
 
     @classmethod
     def of_joints(cls, first: int, n: int, matrix: ca.SX, upper: ca.SX) -> Self:
-        """The limit of a matrix (k, m) for m of n joints, starting at joint `first`, counted from 0."""
+        """Limit of a matrix (k, m) for m of n joints, starting at joint `first`, counted from 0."""
         k, m = matrix.shape
         return cls(ca.horzcat(ca.SX(k, first), matrix, ca.SX(k, n - first - m)), upper)
 
@@ -61,7 +61,8 @@ class LinearLimit(NamedTuple):
     def max_step_size(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
         """Largest step size, at most 1, along `way` (n,) from velocities `begin` (n,), or rest, within the limit.
 
-        It may exceed by `slack`; if `begin` is beyond the limit, the step must not go further.
+        The step may exceed the limit by `slack`. If `begin` violates the limit, the step must not increase the
+        violation.
         """
         matrix, upper = self.one_sided
         if not self.row_count:

@@ -1,4 +1,4 @@
-"""Largest manipulability w_max of a chain, which scales a floor."""
+"""Largest manipulability w_max of a chain, the scale of a manipulability floor."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ TURN, SLIDE = math.pi, 1.0
 def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
     """Maximum of Yoshikawa's measure within the joint limits, and a posture (n,) that has it.
 
-    It is the best of bounded quasi-Newton ascents from the `starts` best of seeded random postures, so every run gives
-    the same answer. It is a lower bound of the true maximum; for the UR5 it equals the closed form to 1e-9.
+    The maximum is the best of quasi-Newton ascents from seeded random postures, a lower bound of the true maximum.
 
     Raises
     ------

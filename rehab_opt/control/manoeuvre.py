@@ -1,11 +1,11 @@
 """The braking manoeuvre, and the joint velocities from which it ends within the joint limits.
 
-All joints slow down by the same fraction per tick, as fast as the slowest joint allows. From (q, v) this leads along a
-straight line in joint space to the stop posture
+All joints slow down by the same fraction per tick, as fast as the slowest joint allows. From joint positions q and
+velocities v this leads along a straight line in joint space to the stop posture
 
-    stop(q, v) = q + dt F v,    N = max_i |v_i| / (a_i dt),    F = n - n (n + 1) / (2 N),    n = floor(N).
+    stop(q, v) = q + dt F v,    N = max_i |v_i| / (a_i dt),    F = n - n (n + 1) / (2 N),    n = floor(N),
 
-A joint whose line would end beyond its limit brakes harder and stops at the limit.
+with the accelerations a_i. A joint whose line would end beyond its limit brakes harder and stops at the limit.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["ROUNDED", "Intervals", "Manoeuvre", "further"]
 FAR = 1e9
 """[rad or m] Value that replaces an infinite limit."""
 ROUNDED = 1e-10
-"""Allowance of rounding in the duration of braking, in ticks."""
+"""Rounding error of the duration of braking, in ticks."""
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit counts as at the limit."""
 
@@ -47,7 +47,7 @@ class Intervals(NamedTuple):
     """Allowed commands that approach the limit at the rate `APPROACH`."""
     low: ca.SX
     high: ca.SX
-    """Useful targets for any current velocity; while braking, a joint waits for the slowest one."""
+    """Useful targets for any current velocity; while braking, a joint waits for the slowest joint."""
 
 
 def further(ticks: ca.SX) -> ca.SX:
@@ -87,7 +87,8 @@ class Manoeuvre:
     def intervals(self, q: ca.SX, last: ca.SX) -> Intervals:
         """Intervals of joints at q (n,) with the last command `last` (n,).
 
-        Velocity never yields; then no joint moves beyond, or further beyond, its limit; then accelerations.
+        The velocity limit always holds. Then no joint moves beyond, or further beyond, its limit; acceleration comes
+        last.
         """
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))
@@ -99,7 +100,7 @@ class Manoeuvre:
         gentle = [ca.fmin(v, gentle_speed(room, change / dt, APPROACH)) for v, room in zip(hardest, rooms, strict=True)]
         sides = []
         for i, (sign, room) in enumerate(zip((-1, 1), rooms, strict=True)):
-            # The way back from beyond a limit ends gently, too: a joint may have no range at all.
+            # The return from beyond a limit ends gently, too; a joint may have no range at all.
             back = ca.fmax(clipped((room + OUTSIDE) / dt, -self.back, 0), -gentle[1 - i])
             stops, gently = hardest[i] + back, gentle[i] + back
             aimed = ca.fmin(ca.fmin(gently, ca.fmax(room, 0) / seconds), speed)

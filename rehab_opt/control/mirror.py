@@ -1,7 +1,7 @@
 """Mirror therapy: joint velocities of an arm that leads a hand along the other hand's mirrored path.
 
-The paper (Xu, Guo, Zhang 2021) is available to us without its equations. This is a reconstruction of its description: a
-manipulability floor for a path that otherwise follows the reference, as a QP instead of a search.
+A reconstruction of Xu, Guo, Zhang (2021), whose equations are not available to us: the path follows the reference with
+a manipulability floor, as a QP instead of a search.
 """
 
 from __future__ import annotations
@@ -57,41 +57,36 @@ _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that follows a mirrored path, away from singular postures.
 
-    The tick is `PoseTracker`'s, with a reference that is read by a clock, and with w(q) / w_max >= floor and the planes
-    among its limits. These hold in every tick and in the braking after it.
+    The tick is that of `PoseTracker`, with a clock that reads the reference. Its limits, which also hold while braking,
+    include w(q) / w_max >= floor and the planes.
 
-    The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. It
-    waits at the largest deviation and catches up afterwards: slowed motion is late, not cut. Samples that arrive during
-    a fallback command (a fault, a push at the limit) are skipped; they count in `lag` until the clock has passed their
-    time. If a stretch is out of reach, the hand moves along it at the nearest poses that the arm reaches. Once the hand
-    stands short of the reference, or the clock has waited for a second longer than it has run, deviations are counted
-    from there (`short`), and the clock runs on. Jumps of the reference are bridged at half the hand speeds; the first
-    bridge starts at the hand. Samples of a live tracker must first pass a `Conditioner`; without it a single outlier
-    counts as a jump there and back.
+    The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. At
+    the largest deviation the clock waits, and then catches up. Samples that arrive during a fallback command are
+    skipped; `lag` counts them. If a stretch is out of reach, the hand moves along it at the nearest reachable poses,
+    and deviations are counted from there (`short`). Jumps of the reference are bridged at half the hand speeds. Samples
+    of a live tracker must first pass a `Conditioner`, since without it a single outlier counts as a jump there and
+    back.
 
     Parameters
     ----------
     chain : any serial chain.
-    floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures of the
-        chain.
+    floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures.
     max_deviation : [m] distance of the tool from the reference at which the clock waits.
     max_turn : [rad] rotation of the tool from the reference at which the clock waits.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     keep_out : planes from `KeepOut.through(point, normal)`. At the end of a tick no capsule of a link
-        (`SerialChain.capsules`: the UR5's whole body), no frame origin and no tool origin is beyond a plane. Links
-        without capsules are guarded at their frame origins only. Parts that no joint moves, the led hand, and
-        attachments to the flange are not guarded, unless a capsule covers them.
+        (`SerialChain.capsules`), no frame origin and no tool origin is beyond a plane. Parts that no joint moves, the
+        led hand, and attachments to the flange need a capsule to be guarded.
     limits : further limits of the posture, each a `Limit` or a `Clearance`.
     person : the led arm, in the robot's base frame; the reference is limited to its range of motion (`PersonLimit`).
-        grip : (4, 4) pose of the tool in its hand frame.
-    person_start : (m,) [rad] posture at which the model of that arm starts; the model is local, so another start may
-        reach more poses. Default: the middle of its range of motion.
+    grip : (4, 4) pose of the tool in the person's hand frame.
+    person_start : (m,) [rad] posture at which the model of the led arm starts; by default the middle of its range.
     interaction : response of the hand to measured forces; default `Interaction()`.
     catch_up : fraction by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] weight of a rotation of the hand relative to its position, if both cannot be reached.
-    max_manipulability : w_max, if known; by default it is searched for, in half a second. gain, posture, lower, upper,
-        velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age,
-        compile : as for `PoseTracker`.
+    max_manipulability : w_max, if known; by default it is searched for, in half a second.
+    gain, posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age, compile
+        : as for `PoseTracker`.
 
     Raises
     ------
@@ -172,7 +167,7 @@ class MirrorTracker(MirrorPreview):
             )
         self._interaction = Interaction() if interaction is None else interaction
         self._memory = np.zeros(REMEMBERED.size)
-        self._remembered = self._memory.data  # a tick reads and writes it at half of numpy's cost
+        self._remembered = self._memory.data  # memory view: twice as fast as numpy
         self._felt, self._held = (self._memory[REMEMBERED.places[name]] for name in ("felt", "held"))
         self._moving = BufferedFunction(moving_tool_function(self.chain), compile=compile)
         self.pace = MirrorPace(
@@ -180,7 +175,7 @@ class MirrorTracker(MirrorPreview):
             max_turn=max_turn, catch_up=catch_up,
         )  # fmt: skip
         self.parts = parts = mirror_tick(self, self.pace, self._interaction, person=person is not None)
-        """The functions of a tick with the clock."""
+        """Functions of a tick with the clock."""
         (parameters, state, given), verdict = self._function.inputs, self._function.outputs[1]
 
         def shared(function: ca.Function, third: Array, compile: Compile) -> BufferedFunction:
@@ -194,7 +189,7 @@ class MirrorTracker(MirrorPreview):
         self.clock = ReferenceClock(
             dt, linear_speed=BRIDGE * linear_speed, angular_speed=BRIDGE * angular_speed, window=self.pace.window
         )
-        """The clock of the reference."""
+        """Clock of the reference."""
         self._reading = BufferedFunction(self.pace.followed_function())
         self.counts: Counter[str] = Counter()
         """Number of ticks that relaxed acceleration, were slowed, waited or braked, and of stretches that were cut."""
@@ -211,11 +206,11 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def reference(self) -> Array:
-        """(4, 4) reference pose at the clock, before the person's range of motion and forces are considered."""
+        """Reference pose (4, 4) at the clock, before person and forces change it."""
         return self._read()[FOLLOWED.places["reference"]].reshape(4, 4)
 
     def _read(self) -> Array:
-        """`FOLLOWED` without its counts, which are in `counts`."""
+        """`FOLLOWED` without its counts."""
         accepted = np.hstack([each.reshape(-1) for each in self._accepted()]) if self._live else np.zeros(22)
         clock = self.clock
         return self._reading.of(clock.window.T, clock.now, self._live, accepted, self._memory).copy()
@@ -227,23 +222,19 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def lag(self) -> float:
-        """[s] age of the followed reference relative to the newest sample, skipped ones included.
-
-        During a bridge, at least the time that the clock needs to the newest sample.
-        """
+        """Age [s] of the followed reference relative to the newest sample, skipped samples included."""
         return float(self._read()[FOLLOWED["lag"]])
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] least deviation from the reference that the person's arm and the robot reach from their postures.
-
-        Deviations are counted from there.
+        """[m, rad] Least deviation from the reference that robot and person's arm reach; deviations are counted from
+        it.
         """
         return (0.0, 0.0) if self._live else self._short_by
 
     @property
     def beyond_person(self) -> tuple[float, float]:
-        """[m, rad] part of `short` due to the person's arm: its model does not reach the reference."""
+        """[m, rad] Part of `short` due to the person's arm: its model does not reach the reference."""
         return (0.0, 0.0) if self._live else self._beyond_person
 
     @property
@@ -264,19 +255,18 @@ class MirrorTracker(MirrorPreview):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
-        Numbers raise no error: an invalid state gives the fallback command, a deceleration within the limits, with a
-        reason; the clock waits meanwhile. Numpy arrays are fast; lists take several times as long.
+        An invalid state raises no error: the arm decelerates within its limits, with a reason, and the clock waits.
 
         Parameters
         ----------
-        q : (n,) measured joint positions [rad, m].
+        q : (n,) measured joint positions [rad, m]. Numpy arrays are several times faster than lists.
         pose : (4, 4) current mirrored pose of the tool in the base frame.
         twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
         obstacles : moving bodies, as for `PoseTracker.step`.
-        force : (3,) [N] measured force of the person on the tool, in the base frame. None counts as no push, even while
-            a push keeps the arm at rest: pass a lost sample as NaN, which stops the arm.
+        force : (3,) [N] measured force of the person on the tool, in the base frame. None means that no force is
+            measured and counts as no push; pass a lost sample as NaN, which stops the arm.
         enable : dead man's switch; anything but True decelerates to rest.
-        stamp : time of the state [s]; checked by the watchdog when given.
+        stamp : [s] time of the state; the watchdog checks it.
 
         Raises
         ------
@@ -289,9 +279,9 @@ class MirrorTracker(MirrorPreview):
             self._set_enable(enable, stamp)
         self._given[_JUDGED] = 0.0
         if self._live and force is None:
-            # The usual way, without the layers of Python: they would cost as much as the solve.
+            # The usual case in one compiled call: Python's layers would cost as much as the solve.
             verdict = self._verdict
-            self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
+            self._told[0] = verdict[0] = _NAN  # see `FallbackChain`: after a failure inside, the outputs are unchanged
             self._function.evaluate()
             left, residual, who, relaxed, scale, _ = self._head.tolist()
             if not left and verdict[_USUAL]:
@@ -307,12 +297,12 @@ class MirrorTracker(MirrorPreview):
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
         """Plan the whole motion along a recording, with every guarantee of `step` and a known future.
 
-        The clock slows down before a fast part, and knows in advance where a stretch that must be skipped ends. Ruckig
-        then times the joint path within the same bounds (`retimed`).
+        The clock slows down before a fast part and knows where a stretch out of reach ends. Ruckig then times the joint
+        path within the same bounds (`retimed`).
 
         Parameters
         ----------
-        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and their twists, `dt` apart; samples that `step`
+        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and their twists, `dt` apart. Samples that `step`
             would refuse, such as NaN, are bridged.
         q : (n,) joint positions at the start, at rest.
 

@@ -1,4 +1,4 @@
-"""Tick of a mirrored hand: selects the pose of the reference to track, and the clock's pace."""
+"""Tick of a mirrored hand: select the reference pose to track, and the clock's pace."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["BRIDGE", "MirrorFollowing"]
 Array = NDArray[np.float64]
 
 SETTLING_TICKS = 3
-"""Ticks of the led arm's model per tick while it converges to its posture; more would take too long."""
+"""Ticks of the led arm's model per tick while it converges to its posture."""
 BRIDGE = 0.5
 """Fraction of the hand speeds at which a jump is bridged."""
 THEN, LIVE = REMEMBERED["then"], REMEMBERED["live"]
@@ -37,7 +37,7 @@ RATE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "apar
 
 
 class MirrorFollowing(MirrorStatement):
-    """The tick of `MirrorTracker` if something is unusual: a lag, a push, a limited range of motion, or a fault."""
+    """Tick of `MirrorTracker` in all cases but the usual one: a lag, a push, a limited range of motion, or a fault."""
 
     clock: ReferenceClock
     counts: Counter[str]
@@ -50,7 +50,7 @@ class MirrorFollowing(MirrorStatement):
     _deliver: BufferedFunction
     _brake: BufferedFunction
     _memory: Array
-    """`REMEMBERED`, also as `_remembered`; some of its parts are views of the force state and the held pose."""
+    """`REMEMBERED`, also as `_remembered`; the force state and the held pose are views into it."""
     _remembered: memoryview[Any]
     _felt: Array
     _held: Array
@@ -65,8 +65,8 @@ class MirrorFollowing(MirrorStatement):
         self._live = False
         self._good = b""
         self.followed: Array = np.full((4, 4), math.nan)
-        """(4, 4) the reference of the last tick with a clock, before the range of motion and forces."""
-        self._given[GIVEN["judged"]] = 1.0  # but in `step`, where a state is measured
+        """(4, 4) reference of the last tick with a clock, before person and forces change it."""
+        self._given[GIVEN["judged"]] = 1.0  # except in `step`, where a state is measured
 
     def beginning_of_memory(self) -> Array:
         """`REMEMBERED` of a hand without history."""
@@ -125,7 +125,7 @@ class MirrorFollowing(MirrorStatement):
         return self._delivered(solver, said) if solver else self._stopped(np.zeros(3))
 
     def _delivered(self, solver: str, said: Array) -> Command:
-        """The command of a certified answer of a solver."""
+        """Command from a solver's certified answer."""
         deliver, solvers, clock = self._deliver, self._solvers, self.clock
         _, _, _, *inputs, _ = deliver.inputs
         for array, values in zip(inputs, (said, clock.window[0], clock.thinned), strict=True):
@@ -142,7 +142,7 @@ class MirrorFollowing(MirrorStatement):
         return command
 
     def _stopped(self, why: Array) -> Command:
-        """The fallback command, for the first three values of `NOTICED`."""
+        """Fallback command, for the first three values of `NOTICED`."""
         self._live = False
         self._brake.inputs[3][:] = why
         self._brake.evaluate()
@@ -151,7 +151,6 @@ class MirrorFollowing(MirrorStatement):
         return self._as_told(told.data)
 
     def _count(self) -> None:
-        """Add this tick's counts to `counts`."""
         counted = self._memory[REMEMBERED.places["counted"]]
         for name, times in zip(COUNTED.places, counted.tolist(), strict=True):
             if times:

@@ -1,6 +1,6 @@
-"""Reference of a mirrored hand in one tick: its pace, its pose, and the distance by which the hand falls short of it.
+"""Reference of a mirrored hand in one tick: its pace, its pose, and how far the hand falls short of it.
 
-Functions of the queued samples, the memory and the hand, evaluated in Python and exported to C.
+The functions of queued samples, memory and hand run in Python and are exported to C.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ __all__ = [
 WAITS = 0.9
 """Fraction of the largest deviation at which the clock waits."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
-"""[s] Time in which the clock regains its pace, and in which it makes up for its lag."""
+"""[s] Time in which the clock regains its pace, and time in which it makes up for its lag."""
 RUSH = 4.0
-"""Fraction by which the clock may run fast while the reference rests, since this moves nothing."""
+"""Fraction by which the clock may run fast while the reference rests."""
 AT_LEAST = 0.02
 """Least fraction by which a late clock runs fast, so that it does catch up."""
 STILL = 0.01, 0.1
@@ -38,29 +38,32 @@ SHORT = 0.001, 0.01
 STUCK = 0.1
 """[s] Time at rest, with a slowed clock, after which a hand counts as at its nearest pose."""
 PATIENCE = 1.0
-"""[s] The same for a hand that does not come to rest: waiting time of the clock minus its running time."""
+"""[s] Waiting time minus running time of the clock after which a moving hand counts as at its nearest pose."""
 WAITED = 0.02
 """Pace below which the clock counts as waiting."""
 
 PACE = Record(rate=1, waited=1, stood=1, apart=1, aside=1)
-"""Seconds of the reference per second; [s] time that the clock waited and that the hand stood; [m, rad] the distance
-from the reference at which the hand stopped, the least that its posture allows. Deviations are counted from there, so
-that a stretch out of reach is followed along its edge and no part of it is skipped. They shrink as the hand comes
-nearer."""
+"""Seconds of the reference per second; [s] time that the clock waited and that the hand stood; [m, rad] distance from
+the reference at which the hand stopped. Deviations are counted from this distance, so that a stretch out of reach is
+followed along its edge. The distance shrinks as the hand comes nearer.
+"""
 TRIED = Record(pose=16, twist=6, seconds=1, goal=12, target=16, motion=6)
-"""The followed sample: pose, twist at the clock's pace, [s] advance of the clock; current target pose of the hand,
-which may be limited to the person's arm; pose and twist for the hand, which a model of that arm may change."""
+"""Followed sample: pose, twist at the clock's pace, [s] advance of the clock; target pose of the hand, which may be
+limited to the person's arm; pose and twist for the hand, which a model of that arm may change.
+"""
 SAID = Record(passed=1, ahead=1, bridging=1, short=1, beyond=2)
-"""Number of samples passed and ahead, whether a jump is bridged, whether the hand is short; [m, rad] deviation of the
-person's arm from the reference."""
+"""Number of samples passed and ahead, whether a jump is bridged, whether the hand falls short; [m, rad] deviation of
+the person's arm from the reference.
+"""
 AIMED = Record(pose=16, twist=6)
 """Target of the QP."""
 COUNTED = Record(acceleration=1, slowed=1, waited=1, braked=1, cut=1)
 """Number of ticks that relaxed acceleration, were slowed, waited or braked, and of stretches that were cut."""
 REMEMBERED = Record(pace=PACE.size, held=3, felt=FELT.size, aim=16, then=1, live=1, counted=COUNTED.size)
 """Memory of a tracker besides its QP's state and clock. After the pace: target position of the hand [m] (NaN if
-unknown) and forces; pose of the person's arm (NaN if unknown); w / w_max at the end of the last command; whether the
-next tick needs no clock; and counts."""
+unknown); forces; pose of the person's arm (NaN if unknown); w / w_max at the end of the last command; whether the next
+tick needs no clock; counts.
+"""
 FOLLOWED = Record(reference=16, time_scale=1, lag=1, manipulability=1, counted=COUNTED.size)
 """State of following a reference, see the properties of `MirrorTracker`; and counts."""
 
@@ -83,11 +86,11 @@ class MirrorPace:
 
     @property
     def clock(self) -> ClockStatement:
-        """The clock's functions."""
+        """Functions of the clock."""
         return ClockStatement(self.dt, window=self.window)
 
     def followed_function(self) -> ca.Function:
-        """Samples, `CLOCK`, whether no clock is needed, last such pose and twist, `REMEMBERED` -> `FOLLOWED`."""
+        """Function: samples, `CLOCK`, whether no clock is needed, last pose and twist, `REMEMBERED` -> `FOLLOWED`."""
         sizes = {"clock": CLOCK.size, "live": 1, "accepted": 22, "memory": REMEMBERED.size}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
         clock, live, accepted, memory = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
@@ -100,7 +103,7 @@ class MirrorPace:
         return ca.Function("followed", [samples, *given], [followed])
 
     def tried_function(self) -> ca.Function:
-        """Samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,) -> `PACE`, `TRIED`.
+        """Function: samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,) -> `PACE`, `TRIED`.
 
         The others are whether the clock may catch up, and the largest pace that later samples allow.
         """
@@ -115,11 +118,11 @@ class MirrorPace:
         return ca.Function("tried", [samples, *given], [ca.vertcat(rate, near[1:]), tried])
 
     def concluded_function(self, *, person: bool) -> ca.Function:
-        """Samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, `REMEMBERED` -> `REMEMBERED`, `SAID`, `CLOCK`,
-        `AIMED`.
+        """Function of samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, `REMEMBERED`.
 
-        The clock advances by the seconds of `TRIED`. The target is limited to a `person`'s arm, and displaced by
-        forces. The target is then moved towards the hand by its least deviation (`short`).
+        Its outputs are `REMEMBERED`, `SAID`, `CLOCK` and `AIMED`. The clock advances by the seconds of `TRIED`. The
+        target is limited to a `person`'s arm, displaced by forces, and moved towards the hand by its least deviation
+        (`short`).
         """
         samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
         here, hand = others = [ca.SX.sym("given", size) for size in (16, 6)]
@@ -147,7 +150,7 @@ class MirrorPace:
 
     # ---------------------------------------------------------------------------------------------------- its parts
     def _rated(self) -> ca.Function:
-        """Current sample, the next, and the inputs of `tried` -> `PACE`, rate, goal (12,)."""
+        """Function: current sample, next sample, inputs of `tried` -> `PACE`, rate, goal (12,)."""
         a, b, clock, pace = (each.symbols("s") for each in (SAMPLE, SAMPLE, CLOCK, PACE))
         others, here, aim = ca.SX.sym("others", 3), ca.SX.sym("here", 16), ca.SX.sym("aim", 16)
         pose, twist = self.clock.between(a, b, ca.if_else(clock.ahead <= 0, 0, clock.fraction))
@@ -168,14 +171,14 @@ class MirrorPace:
         """Seconds of the reference to follow per second."""
         yielding, hurried, most = ca.vertsplit(others)
         late = lag - self.dt
-        # What the person's arm cannot do of the reference is no reason to dwell there: it would not come to an end.
+        # A part that the person's arm cannot reach does not slow the clock, or the clock would wait for ever.
         away = (distance_of(here, goal) - pace.apart) / self.max_deviation
         turned = (angle_of(here, goal) - pace.aside) / self.max_turn
         eased = clipped((WAITS - ca.fmax(away, turned)) / (WAITS - CALM), 0, 1)
-        # What rests is passed at full haste to the last tick: nothing moves that would have to be slowed down.
+        # A resting reference is passed at full haste up to its last tick, since nothing moves.
         rush = ca.if_else(eased == 1, RUSH, 0)
         hurry = ca.if_else(still, rush, ca.fmin(self.catch_up, late / CATCHING_UP + AT_LEAST))
-        hurried = all_true(hurried, yielding == 1, late > 0)  # nobody is hurried who pushes
+        hurried = all_true(hurried, yielding == 1, late > 0)  # no haste while the person pushes
         rate = (1 + ca.if_else(hurried, hurry, 0)) * eased * yielding
         for part, largest in ((twist[:3], self.linear_speed), (twist[3:], self.angular_speed)):
             rate = ca.fmin(rate, SPARE * largest / ca.fmax(ca.norm_2(part), 1e-9))
@@ -187,7 +190,7 @@ class MirrorPace:
         """`PACE` after a tick; whether the clock waits; whether the hand counts as at its nearest pose from now on."""
         usual = ca.logic_or(ca.logic_and(pace.rate >= WHOLE, current), yielding < 1)
         waits = ca.logic_and(ca.logic_not(usual), pace.rate <= WAITED)
-        # What was waited for before it went on is no reason to cut the hand short now.
+        # Waiting before the clock ran on does not count.
         waited = ca.if_else(waits, pace.waited + self.dt, ca.fmax(pace.waited - self.dt, 0))
         stands = ca.logic_and(ca.norm_2(hand[:3]) <= STANDS[0], ca.norm_2(hand[3:]) <= STANDS[1])
         stood = ca.if_else(stands, pace.stood + self.dt, 0)
@@ -204,7 +207,7 @@ class MirrorPace:
 
 
 def _short(pace: Values) -> ca.SX:
-    """Whether the hand follows at a distance, because it stopped there."""
+    """Whether the hand follows at a distance, since it stopped there."""
     return ca.logic_or(pace.apart > SHORT[0], pace.aside > SHORT[1])
 
 

@@ -1,4 +1,4 @@
-"""A whole mirrored motion planned in advance, with `MirrorTracker`'s guarantees."""
+"""Plan a whole mirrored motion in advance, with `MirrorTracker`'s guarantees."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 STANDING = 1e-4
 """[rad/s or m/s] Joint speeds below which a motion has ended."""
 PATIENCE = 10.0
-"""[s] beyond the reference's duration, and as a multiple of it, after which a plan ends incomplete."""
+"""[s] Time beyond the reference's duration, and multiple of that duration, after which a plan ends incomplete."""
 SETTLING = 2.0
-"""[s] Longest time for the approach to the last pose; then the hand is stopped."""
+"""[s] Longest time for the approach to the last pose; then the hand stops."""
 ENDING = 10.0
 """[s] Longest time for the stop of an incomplete plan."""
 
@@ -50,14 +50,13 @@ class MirrorPath(NamedTuple):
     references: Array
     """(M, 4, 4) reference pose at the clock in each tick."""
     clock: Array
-    """(M,) [s] the clock, in the reference's time; during a bridge it runs with the bridge."""
+    """(M,) [s] clock, in the reference's time; during a bridge the clock runs with the bridge."""
     short: Array
     """(M, 2) [m, rad] least deviation from the reference; see `MirrorTracker.short`."""
     person: Array
-    """(M, 2) [m, rad] part of it due to the person's arm."""
+    """(M, 2) [m, rad] part of `short` due to the person's arm."""
     paces: Array
-    """(M,) advance of `clock` per second in the tick before: 1 is the recording's own pace; less during a bridge that
-    takes longer than the recording, 0 at the clock's end."""
+    """(M,) advance of `clock` per second in the tick before: 1 is the recording's own pace, 0 the clock's end."""
     manipulability: Array
     """(M,) w / w_max at the end of the tick."""
     relaxed: list[Relaxed]
@@ -81,7 +80,7 @@ class MirrorPath(NamedTuple):
 
     @property
     def delay(self) -> float:
-        """[s] delay of the end of the motion relative to the reference."""
+        """Delay [s] of the motion's end relative to the reference's end."""
         return float(self.times[-1] - self.clock[-1]) if len(self.times) else 0.0
 
 
@@ -105,7 +104,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
     complete, reference_clock, follow = False, tracker.clock, tracker.follow
     ending, arrived, before = False, 0, reference_clock.stamp
     for tick in range(most + math.ceil(ENDING / dt)):
-        # Whoever plays a plan stops at its end: it must stand there, also where it ends before the reference does.
+        # A player stops at the plan's end, so the plan must end at rest, also if it ends before the reference.
         ending = ending or tick >= most or arrived * dt > SETTLING
         command = tracker.brake(joints) if ending else follow(joints)
         value = command.value
@@ -135,7 +134,7 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
 
 
 def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.intp]:
-    """The samples that `step` would not refuse."""
+    """Indices of the samples that `step` would not refuse."""
     numbers = np.hstack([poses.reshape(-1, 16), twists])
     valid = np.flatnonzero(np.linalg.norm(numbers, axis=1) <= MAX_MAGNITUDE)
     if len(valid):

@@ -1,4 +1,4 @@
-"""Tick of a mirrored hand along a recording known in advance: most ticks come from its preview."""
+"""Tick of a mirrored hand along a recording known in advance: most ticks come from a preview of it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["MirrorPreview"]
 Array = NDArray[np.float64]
 
 SPAN = 64, 128
-"""First and largest number of ticks in a layout; it doubles each time that all of them were used."""
+"""First and largest number of ticks in a layout; the number doubles each time that all of them were used."""
 REST = 32
 """Largest number of ticks between an unusual tick and the next layout; the number starts at one and doubles."""
 
@@ -35,10 +35,10 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
 class MirrorPreview(MirrorFollowing):
-    """The tick of a plan, which takes its reference from the preview of the recording.
+    """Tick of a plan, which takes its reference from the preview of the recording.
 
-    While nothing is unusual the clock follows the preview, and a tick is the fused function alone, with the same check
-    of residual and true bounds as in `MirrorTracker.step`. All other ticks are those of `MirrorFollowing`.
+    In the usual case the clock follows the preview, and a tick is one fused function, certified as in
+    `MirrorTracker.step`. All other ticks are those of `MirrorFollowing`.
     """
 
     def _begin(self) -> None:
@@ -50,7 +50,7 @@ class MirrorPreview(MirrorFollowing):
 
     def preview(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
         """Pass a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
-        self._claim()  # the ticks of a plan do not ask
+        self._claim()  # not needed in a plan
         clock, here = self.clock, self.chain.pose(q)
         self._live = False
         first = float(stamps[0]) - self.dt
@@ -89,7 +89,7 @@ class MirrorPreview(MirrorFollowing):
         return self._stopped(np.array([NUMBER["NOT_ENABLED"], -1.0, -1.0]))._replace(reason="the plan ends here")
 
     def tools(self, path: list[Array]) -> Array:
-        """(M, 4, 4) poses of the tool, as `chain.pose` for each (n,), but faster."""
+        """Poses of the tool (M, 4, 4), as `chain.pose` for each (n,), but faster."""
         q, pose = self._moving.inputs[0], self._moving.outputs[0].reshape(4, 4)
         found = np.empty((len(path), 4, 4))
         for i, each in enumerate(path):
@@ -98,7 +98,7 @@ class MirrorPreview(MirrorFollowing):
             found[i] = pose
         return found
 
-    # ------------------------------------------------------------------------------------------------ what is laid out
+    # ---------------------------------------------------------------------------------------------------- layout
     def _lay_out(self) -> bool:
         """Lay out the next ticks from the clock's position, if they can be taken in sequence."""
         clock = self.clock
@@ -117,13 +117,13 @@ class MirrorPreview(MirrorFollowing):
         return bool(self._laid.paces)
 
     def _as_laid_out(self, q: Array) -> Command | None:
-        """The command of the next tick in the layout, or None if something is unusual."""
+        """Command of the next tick in the layout, or None if something is unusual."""
         k, laid = self._next, self._laid
         verdict = self._verdict
         self._q[:] = q
         self._views[1][:] = self._flat[k].data
         self._views[2][:] = laid.twists[k].data
-        self._told[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
+        self._told[0] = _NAN  # see `FallbackChain`: after a failure inside, the outputs are unchanged
         self._function.evaluate()
         left, residual, who, relaxed, share, _ = self._head.tolist()
         if left or not verdict[_USUAL]:

@@ -1,8 +1,8 @@
 """Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of tick-by-tick planning.
 
-The reference's clock and the hand's path length are two more axes: Ruckig times the passage (`ruckig_timing`) within
-joint speed and acceleration, the hand's speed, and a clock at most at the recording's pace. Its ticks are then checked
-like commands; a passage that breaks a bound is rejected.
+The reference's clock and the hand's path length are two more axes. Ruckig times the passage (`ruckig_timing`) within
+joint speed and acceleration, hand speed, and the recording's pace. The ticks are then checked like commands; a passage
+that violates a bound is rejected.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ NEVER = 0.9
 PART = 1.0 - 1e-6
 """Fraction of speeds and accelerations that is used, so that rounding does not matter."""
 SHARE = 0.998
-"""Fraction of the largest hand speed that is used: between two checked points it may be slightly larger."""
+"""Fraction of the largest hand speed that is used: between two checked points the speed may be slightly larger."""
 TRIES, SLOWER = 16, 0.7
-"""Largest number of passages, and speed factor after a straight passage that broke a bound."""
+"""Largest number of passages, and speed factor after a straight passage that violated a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
 """Ways through the points: a smooth curve, a curve through every tick of the plan, or straight lines."""
 ABOUT = 20, 3
-"""Number of ticks before and after a broken bound where the next passage is close, then straight."""
+"""Number of ticks before and after a violated bound where the next passage is close, then straight."""
 BROKEN, EXACT = 1e-9, 1e-12
 """Tolerances for a bound, and for a joint limit."""
 
@@ -52,8 +52,6 @@ BROKEN, EXACT = 1e-9, 1e-12
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
     """The plan timed by Ruckig, or the plan itself if no such passage satisfies every bound.
 
-    Parameters
-    ----------
     left : (M,) [s] remaining time of the clock to the reference's end at each tick, bridges included.
     """
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
@@ -81,33 +79,32 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Ruckig's passage, and the tick of the plan for each of its ticks.
+    """Ruckig's passage, and the tick of the plan for each of its ticks; None if no passage is faster than the plan.
 
-    Around each tick of the plan it uses the way in `ways` (M,), at most at the speed factor `slow` (M,). None if no
-    passage is faster than the plan.
+    `ways` (M,) and the speed factor `slow` (M,) hold around each tick of the plan.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
     chain, dt, n = tracker.chain, tracker.dt, tracker.chain.n
     hand = np.linalg.norm(np.diff(plan.poses[:, :3, 3], axis=0), axis=1)
-    # What bounds a tick is how far the place where it leads may be from its reference: the two go together.
+    # A tick's end and its reference go together, since their distance is bounded.
     gone = np.append(-dt * plan.paces[0], left[0] - left[:-1])
     x = np.column_stack([plan.q, gone, np.append(0.0, np.cumsum(hand))])
     passed = _passed_points(x, ways > CURVED)
     at = _points(passed)
     speeds = PART * np.append(chain.velocity, [1.0, SHARE * tracker.linear_speed])
     seconds = (np.abs(np.diff(x[at], axis=0)) / speeds).max(axis=1)
-    # The parameter's speed is 1 at most: where it is to be slower, the parameter has further to go.
+    # The parameter's speed is at most 1: where the passage is slower, the parameter has further to go.
     least = np.where(slow[at] < 1.0, 1.0 / slow[at], NEVER)[1:]
     knots = np.append(0.0, np.cumsum(least * np.maximum(seconds, 1e-6)))
     slopes = CubicSpline(knots, x[at, :n], bc_type="clamped")(knots, 1)
     slopes[ways[at] >= STRAIGHT] = 0.0
     slopes[(x[at, :n] <= chain.lower + APART) | (x[at, :n] >= chain.upper - APART)] = 0.0
-    # A clock never runs back.
+    # The clock never runs back.
     curves = CubicHermiteSpline(knots, x[at, :n], slopes), PchipInterpolator(knots, x[at, n:])
     edges = np.append((knots[:-1, None] + np.diff(knots)[:, None] * np.arange(PARTS) / PARTS).ravel(), knots[-1])
     first, second, third = (np.hstack([curve(edges, order) for curve in curves]) for order in (1, 2, 3))
-    # The hand goes as the joints do, between two points not evenly, and is faster at an end of a tick that holds them.
+    # The hand's speed varies between two points and is largest at an end of a tick with held velocities.
     hand = _hand_speeds(tracker, curves[0](edges) - 0.5 * dt * first[:, :n], first[:, :n])
     first[:-1, -1] = np.maximum(hand[:-1], hand[1:])
     second[:, -1] = third[:, -1] = 0.0
@@ -115,7 +112,7 @@ def _passed(
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
     timing = ruckig_timing(cells, velocity=speeds, acceleration=accelerations, fastest=1.0)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
-        return None  # not sooner than the plan; what is nearly at rest in between may take days
+        return None  # not slower than the plan; a passage that nearly rests in between may take days
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))
     moved = np.hstack([curve(place) for curve in curves])
     moved[0], moved[-1] = x[0], x[-1]
@@ -124,7 +121,7 @@ def _passed(
     end = left[0] - left[-1]
     references, clock = tracker.clock.left(left[0] - np.clip(np.append(moved[1:, n], end), 0.0, end))
     paces = np.diff(clock, prepend=plan.clock[0] - dt * plan.paces[0]) / dt
-    # Where the plan stands, its last tick counts: only then it is known what the hand stays short of.
+    # Where the plan stands, its last tick counts: only there is the remaining deviation known.
     begins = np.interp(np.interp(place, knots, passed[at]), passed, np.arange(len(passed)))
     k = begins.astype(int)
     slowed = (paces < WHOLE) & (clock < clock[-1])
@@ -132,8 +129,8 @@ def _passed(
     bounds = [said[plan.relaxed[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
     symbol, w = ca.SX.sym("q", n), tracker.hand_bounds.manipulability
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
-    # What the hand stays short of grows at once: between two ticks it is what it grows to. Turns are looked at where a
-    # tick begins, distances where it leads.
+    # The remaining deviation grows at once: between two ticks take the later value. Turns are checked where a
+    # tick begins, distances where it ends.
     leads = np.maximum(np.append(begins[1:], begins[-1:]) - 1.0, 0.0)
     about = [np.floor(leads).astype(int), np.ceil(leads).astype(int), np.ceil(begins).astype(int)]
     short, person = (each[about].max(axis=0) for each in (plan.short, plan.person))
@@ -147,10 +144,7 @@ def _passed(
 
 
 def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
-    """(M,) [m/s] The tool's largest speed in ticks from q at joint velocities (M, n).
-
-    An angular speed counts as the linear speed that is the same fraction of its limit.
-    """
+    """Tool's largest speed [m/s] (M,) in ticks from q at joint velocities (M, n), angular speed scaled to linear."""
     chain, dt = tracker.chain, tracker.dt
     at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)
     twists = [chain.jacobian_expression(at + part * dt * change) @ change for part in (0, 1)]
@@ -162,7 +156,7 @@ def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
 
 
 def _passed_points(x: Array, fine: NDArray[np.bool_]) -> Array:
-    """(M,) number of points of the path that the plan has passed, at positions (M, n + 2) spaced by `APART`."""
+    """Number of points (M,) of the path that the plan has passed, at positions (M, n + 2) spaced by `APART`."""
     moved = np.maximum(np.abs(np.diff(x[:, :-2], axis=0)).max(axis=1) / APART, np.diff(x[:, -2]) / OFTEN)
     return np.append(0.0, np.cumsum(np.where(fine[1:] & (moved > 0.01), 1.0, moved)))
 
@@ -175,7 +169,7 @@ def _points(passed: Array) -> NDArray[np.int_]:
 
 
 def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDArray[np.bool_]:
-    """(M,) ticks that break a bound of commands: the arm's, or the reference's."""
+    """(M,) ticks that violate a bound of commands: the arm's, or the reference's."""
     moving = np.zeros((tracker.limits.moving_size, len(found.q)))
     kept = np.array(tracker.limits.judged.map(len(found.q))(found.q.T, moving, found.velocities.T))[0] > 0.5
     kept &= _hand_speeds(tracker, found.q, found.velocities) <= tracker.linear_speed * (1 + BROKEN)

@@ -1,4 +1,4 @@
-"""The QP of a mirrored hand: `PoseTracker`'s with a floor and planes among its limits."""
+"""QP of a mirrored hand: that of `PoseTracker` with a manipulability floor and planes among its limits."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ class MirrorStatement(PoseTracker):
     hand_bounds: HandBounds
 
     def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """`PoseTracker.told`, plus whether the reference may continue at its own pace, and w / w_max at the end of the
-        command.
+        """Report of `PoseTracker`, whether the reference may continue at its own pace, and the final w / w_max.
 
         The scale is that of the clock, except for a robot that is blocked and at rest.
         """

@@ -1,7 +1,7 @@
 """One tick of a mirrored hand as functions of (parameters, state, memory, inputs) -> (memory, command).
 
-Between them, the caller stores the reference samples, evaluates the model of a led arm, and solves the QP. C code is
-generated from these functions.
+Between them, the caller stores the reference samples, evaluates the model of the led arm, and solves the QP. C code is
+generated from the same functions.
 """
 
 from __future__ import annotations
@@ -31,36 +31,40 @@ __all__ = ["NOTICED", "MirrorTick", "mirror_tick"]
 VERDICT = Record(residual=1, valid=1, solver=1, relaxed=1, scale=1, reason=1, element=1, usual=1, then=1)
 """Verdict on the QP's answer; from `relaxed` on it is the QP's report, see `MirrorStatement.told`."""
 NOTICED = Record(reason=1, input=1, element=1, here=16, hand=6)
-"""Number of the reason to brake, 0 for none; for an invalid number the argument of `step`, counted from 0, and its
-element, -1 for none; the tool's pose and twist."""
+"""Number of the reason to brake, 0 for none; for an invalid number, the argument of `step`, counted from 0, and its
+element, -1 for none; the tool's pose and twist.
+"""
 ORIGIN = [3, 7, 11]
 """Indices of the position in a pose, row by row."""
 ACCELERATION, TASK = int(Relaxed.ACCELERATION), int(Relaxed.TASK)
-"""The last two bounds that can yield here, as numbers."""
+"""Numbers of the bounds that may be relaxed last."""
 NOTE = {note.name: 2**i for i, note in enumerate(NOTES)}
 _FELT, _HELD = REMEMBERED.places["felt"], REMEMBERED.places["held"]
 
 
 class MirrorTick(NamedTuple):
-    """The functions of a tick; its parameters, from the positions (n,) on, and its state are those of the QP."""
+    """Functions of a tick; parameters (from the positions (n,) on) and state are those of the QP."""
 
     notice: ca.Function
-    """Parameters, state, `GIVEN`, force (3,) [N], whether it is measured, pose and twist (22,) of the last tick that
-    needed no clock, `REMEMBERED` -> positions (n,), state, `REMEMBERED`, `NOTICED`."""
+    """Parameters, state, `GIVEN`, force (3,) [N], whether it is measured, pose and twist (22,) of the last tick without
+    clock, `REMEMBERED` -> positions (n,), state, `REMEMBERED`, `NOTICED`.
+    """
     tried: ca.Function
     """See `MirrorPace.tried_function`."""
     concluded: ca.Function
     """See `MirrorPace.concluded_function`."""
     deliver: ca.Function
     """Parameters, state after a certified answer, its verdict, `SAID`, current sample, whether samples were skipped,
-    `REMEMBERED` -> parameters, `REPORT`, `REMEMBERED`. If nothing is unusual, the next tick needs no clock."""
+    `REMEMBERED` -> parameters, `REPORT`, `REMEMBERED`.
+    """
     brake: ca.Function
     """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `REPORT`, `REMEMBERED`,
-    for the fallback command."""
+    for the fallback command.
+    """
 
 
 def mirror_tick(of: MirrorStatement, pace: MirrorPace, law: Interaction, *, person: bool) -> MirrorTick:
-    """The functions of a tracker; `person` is true if a model of the led arm limits the reference."""
+    """Functions of a tracker; `person` is true if a model of the led arm limits the reference."""
     return MirrorTick(
         _notice(of, law), pace.tried_function(), pace.concluded_function(person=person), _deliver(of), _brake(of)
     )
@@ -74,7 +78,7 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
     q, known, own = of.functions.judge(p[:n], state[begin:size], state[size:], given)
     moving = moving_tool_function(of.chain)
     here, hand = moving(q, known[:n])
-    seen = moving(p[:n], known[:n])[0]  # work is done where the hand is measured
+    seen = moving(p[:n], known[:n])[0]  # work is done at the measured hand
     old, last = REMEMBERED.symbols("memory"), ca.SX.sym("accepted", 22)
     after = REMEMBERED.changed(old, held=ca.if_else(old.live, last[ORIGIN], old.held), live=ca.SX(0))
     memory = ca.Function("left", [old.column, last], [after.column])(memory, accepted)
@@ -89,7 +93,9 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
 
 
 def _first_reason(of: MirrorStatement) -> ca.Function:
-    """Reason and joint of a state, `faulty` of parameters, why force stops, force -> `NOTICED`, first three."""
+    """Function: reason and joint of a state, `faulty` of parameters, reason of a force stop, force -> `NOTICED`, first
+    three.
+    """
     own, joint, found, stop, force = inputs = [ca.SX.sym("argument", size) for size in (1, 1, 3, 1, 3)]
     element = ca.SX(-1)
     for i in (2, 1, 0):
@@ -117,7 +123,7 @@ def _brake(of: MirrorStatement) -> ca.Function:
 
 
 def _braked(of: MirrorStatement) -> ca.Function:
-    """`REPORT` of the fallback command, `REMEMBERED`, q, velocity (n,), part of `NOTICED` -> `REPORT`, `REMEMBERED`."""
+    """Function: `REPORT`, `REMEMBERED`, q, velocity (n,), part of `NOTICED` -> `REPORT`, `REMEMBERED` for braking."""
     told, past = REPORT.symbols("told"), REMEMBERED.symbols("memory")
     q, velocity, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, of.chain.n, 3)]
     unusable = why[0] == NUMBER["INPUT_INVALID"]
@@ -145,8 +151,8 @@ def _deliver(of: MirrorStatement) -> ca.Function:
 
 
 def _delivered(of: MirrorStatement) -> ca.Function:
-    """`VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether samples were skipped, velocity (n,), `AIMED` ->
-    `REPORT`, `REMEMBERED`; and the `AIMED` that remains for the next tick.
+    """Function: `VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether samples were skipped, velocity (n,),
+    `AIMED` -> `REPORT`, `REMEMBERED`, and the `AIMED` that remains for the next tick.
     """
     verdict, own, past = VERDICT.symbols("verdict"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     said, sample, (fewer, velocity, aimed) = SAID.symbols("said"), SAMPLE.symbols("sample"), (

@@ -32,7 +32,7 @@ _NONE, HALF_PLANE, DISC = 0.0, 1.0, 2.0
 
 
 class HalfPlane(NamedTuple):
-    """A wall in the world frame, at points p with normal . p > offset."""
+    """Wall in the world frame, at points p with normal . p > offset."""
 
     normal: tuple[float, float]
     """Normal into the wall, of any positive length."""
@@ -41,7 +41,7 @@ class HalfPlane(NamedTuple):
 
 
 class Disc(NamedTuple):
-    """A post in the world frame."""
+    """Post in the world frame."""
 
     centre: tuple[float, float]
     """[m]"""
@@ -62,7 +62,8 @@ class ObstacleRows(NamedTuple):
     inside: ca.SX
     """1 if the chair is inside the obstacle."""
     wall: ca.SX
-    """(3,) normal n and offset [m] of the obstacle's wall in the chassis frame; n . p < offset is free."""
+    """(3,) normal n and offset [m] of the obstacle's wall in the chassis frame; points p with n . p < offset are free.
+    """
     post: ca.SX
     """(3,) centre in the chassis frame and radius [m] of a disc."""
     is_post: ca.SX
@@ -70,7 +71,7 @@ class ObstacleRows(NamedTuple):
 
 
 def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array:
-    """(4 max_obstacles,) obstacles as a parameter, each with its kind last; unused ones have kind 0.
+    """Obstacles (4 max_obstacles,) as a parameter, each with its kind last; unused ones have kind 0.
 
     Raises
     ------
@@ -110,7 +111,7 @@ def obstacle_function() -> ca.Function:
 
 
 def _row(obstacle: object) -> Array | None:
-    """(4,) the numbers of one obstacle, or None if it is invalid."""
+    """Numbers (4,) of one obstacle, or None if it is invalid."""
     if not isinstance(obstacle, Obstacle):
         return None
     try:
@@ -133,28 +134,25 @@ def approach(
 ) -> ObstacleRows:  # fmt: skip
     """Rows that keep the chair's outline out of one obstacle for any turn within the tick.
 
+    At every instant of a tick within the rows and `turn`, an outline outside stays outside, and one inside gets no
+    deeper. Depth is the shortest translation out of the obstacle. The chair may move straight in the world while it
+    turns, or along the arc of constant wheel speeds.
+
+    A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
+    normal at the point nearest to the disc's centre c. The signed distance of c from a rectangle with corners p is the
+    largest n . c - max(n . p) over all unit vectors n, so it falls at most as fast as n . c. The bound therefore does
+    not jump when another edge becomes the nearest.
+
+    A turn by w dt moves a corner p off its straight path by at most |p| (w dt)^2/2, and an arc of the wheels by drive
+    |w| dt^2/2 (twice that for c in the chassis frame). With both, the largest allowed speed towards the wall is a
+    concave function of w, not negative at w = 0. The rows are its two chords from w = 0 to the largest turn rates.
+
     Parameters
     ----------
     numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
     dt : tick [s]. turn : [rad/s] largest turn rate in this tick. drive : [m/s] largest speed.
-    horizon : [s]; each corner's closing speed is at most its gap over this. At least dt, and at least the time to stop
-        from any speed with all components slowing together; then a chair that satisfied the rows in the last tick can
-        satisfy them now within its accelerations.
-
-    For any dt and any twist within the rows and `turn`, at every instant of the tick an outline outside stays outside,
-    and one inside gets no deeper. Depth is the shortest translation out of the obstacle. The chair may move straight in
-    the world while it turns, q + t value, or along the arc of constant wheel speeds.
-
-    A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
-    normal at the point nearest to the disc's centre c (of the nearest edge if c is on or under the outline). The
-    distance of c from a rectangle of corners p, negative inside, is the largest n . c - max(n . p) over all unit
-    vectors n, so it falls at most as fast as n . c. The bound therefore does not jump when another edge becomes the
-    nearest.
-
-    A turn by w dt within the tick moves a corner p off its straight path by at most |p| (w dt)^2/2, and an arc of the
-    wheels by drive |w| dt^2/2 (twice that for c in the chassis frame). With both, over all corners, the largest allowed
-    speed towards the wall is a concave function of w, not negative at w = 0. The rows are its two chords from there to
-    the largest turn rates.
+    horizon : [s] each corner's closing speed is at most its gap over this. At least dt, and at least the time to stop
+        from any speed; then rows of the last tick can be satisfied now within the accelerations.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == DISC
@@ -174,7 +172,7 @@ def approach(
     )
 
     def turning(gap: ca.SX, x: float | ca.SX, y: float | ca.SX, bent: float | ca.SX) -> ca.SX:
-        """(3,) allowed closing speeds of a point's gap without a turn and at the largest turn rate to either side."""
+        """Allowed closing speeds (3,) of a point's gap without a turn and at the largest turn rate to either side."""
         lever, sweep = turn * (normal[1] * x - normal[0] * y), bent * turn * (dt / 2) * there
         return ca.fmax(gap, 0) / horizon + ca.vertcat(0, -lever - sweep, lever - sweep)
 
@@ -197,14 +195,14 @@ def approach(
 
 
 def outward_normal(outline: Outline, x: ca.SX, y: ca.SX) -> list[ca.SX]:
-    """(2,) unit normal of the outline at its point nearest to (x, y), both in the chassis frame."""
+    """Unit normal (2,) of the outline at its point nearest to (x, y), both in the chassis frame."""
     beyond = [ca.fmax(outline.rear - x, x - outline.front), ca.fmax(outline.right - y, y - outline.left)]
     side = [
         ca.if_else(x - outline.front >= outline.rear - x, 1, -1),
         ca.if_else(y - outline.left >= outline.right - y, 1, -1),
     ]
     at_corner = ca.fmin(*beyond) > TINY
-    # Not hypot, a call into a library: numbers far too large for a square never come here.
+    # Not hypot, a library call: numbers too large for a square never come here.
     distance = ca.fmax(ca.sqrt(beyond[0] * beyond[0] + beyond[1] * beyond[1]), TINY)
     at_end = beyond[0] >= beyond[1]
     edge = [at_end, ca.logic_not(at_end)]

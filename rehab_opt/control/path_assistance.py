@@ -36,24 +36,23 @@ class PathAssistance(BoundedForce):
 
         F_desired = S (p(s) - x) - D (v - (v.t) t),
 
-    p(s) is the path point of the last tick, t the path's direction there. Along the path the hand moves freely, except
-    for a drag S v dt, because p(s) is one tick old. Outside the workspace the force pulls back to it, as `Assistance`
-    does in mode "follow", until the help ends or releases the hand.
+    x and v are the hand's position and velocity, p(s) is the path point of the last tick, and t the path's direction
+    there. Along the path the hand moves freely, except for a drag S v dt. Outside the workspace the force pulls back to
+    it, as `Assistance` does in mode "follow".
 
-    s follows the hand along the path in both directions without leading it, see `rehab_opt.control.path_progress`. The
-    largest s is the progress and never decreases. The help ends at the path's end; `reset` restarts it.
+    The path coordinate s follows the hand in both directions, see `rehab_opt.control.path_progress`. The largest s is
+    the progress and never decreases. The help ends at the path's end; `reset` restarts it.
 
-    A hand that stands still (s moves by less than a width in 0.3 s) under more than 0.1 of `force_limit` is released:
-    the force fades within 0.3 s, and the command is BLOCKED with a reason. A hand that is elsewhere after a gap without
-    valid samples is released at once. At another point of the path, at most 20 widths along it, the force grows again
-    in 0.3 s.
+    A hand that stands still under more than 0.1 of `force_limit` is released: the force fades within 0.3 s, and the
+    command is BLOCKED with a reason. A hand that is elsewhere after a gap without valid samples is released at once. At
+    another point of the path, at most 20 widths along it, the force grows again in 0.3 s.
 
     Parameters
     ----------
     path : (N, 2) [m] from start to end.
     stiffness, damping : S [N/m], D [N s/m] across the path.
-    width : [m] scale of the path: detours shorter than two widths may be cut, and a hand within one width is at a
-        point.
+    width : [m] scale of the path: detours shorter than two widths may be cut. A hand that moves by less than a width in
+        0.3 s stands still.
     comfortable, force_limit, return_stiffness, return_force, bounds : see `Assistance`.
 
     Raises
@@ -93,7 +92,6 @@ class PathAssistance(BoundedForce):
             stiffness=checked_number("stiffness", stiffness, above=0.0, below=1e7),
             damping=checked_number("damping", damping, above=-TINY, below=1e6),
         )
-        """`SPRING` of this controller."""
         self.gate = GATE.numbers(
             acts_inside=True,
             pull_limit=checked_number("force_limit", force_limit, above=0.0, below=1e4),
@@ -103,7 +101,6 @@ class PathAssistance(BoundedForce):
                 force=checked_number("return_force", return_force, above=0.0),
             ),
         )
-        """`GATE` of this controller."""
         self.track = np.pad(sampled.points, ((BEFORE, BESIDE), (0, 0)), mode="edge")
         """(N, 2) [m] samples of the path, with the first and the last repeated."""
         self._flat = self.track.ravel()
@@ -119,7 +116,6 @@ class PathAssistance(BoundedForce):
             speed_cap=self.speed_cap,
             dt=self.dt,
         )
-        """`PATH_MODEL` of this controller."""
         self._proceed = BufferedFunction(progress_function(), compile=option)
         self._proceed.inputs[0][:] = self.path_model
         self._begin()
@@ -148,7 +144,7 @@ class PathAssistance(BoundedForce):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on spring, bounds and delay that do not fit together, with better values; see `settling_notes`."""
+        """Warnings if spring, bounds and delay do not fit together, with better values; see `settling_notes`."""
         bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
         stiffness, damping = self.spring.tolist()
         return tuple(settling_notes(stiffness, damping, **bounds, **self._late_by))
@@ -164,13 +160,13 @@ class PathAssistance(BoundedForce):
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
         """Reset, see `BoundedForce.reset`, with the hand at the path's start."""
         super().reset(energy=energy, force=force)
-        if hasattr(self, "_proceed"):  # not yet while it is made
+        if hasattr(self, "_proceed"):  # not yet in the constructor
             self._begin()
 
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """As `BoundedForce.step`; the progress is updated if the tick's position is valid."""
+        """`BoundedForce.step`; the progress is updated if the tick's position is valid."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if not self.valid:
             self._state_of_path[PROGRESS["gap"]] = 1.0

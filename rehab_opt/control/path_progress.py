@@ -1,21 +1,18 @@
 """Progress of a hand along a path as a state: one function of numbers, for Python and C.
 
-A spring S holds the hand x to the path point p(s); the arc length s [m] follows the hand in both directions, as a bead
+A spring S holds the hand x to the path point p(s). The arc length s [m] follows the hand in both directions, as a bead
 on a wire:
 
-    s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt,
+    s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt
 
-and stays constant while the hand is further than F/S and a width from p(s), with the force limit F. Only the hand moves
-s, so the help never leads. s does not jump to another nearer stretch of the path, except across a detour shorter than
-two widths. The largest s so far is the progress.
+With the force limit F, s stays constant while the hand is further than F/S and a width from p(s). Only the hand moves
+s. s does not jump to another, nearer stretch of the path, except across a detour shorter than two widths. The largest s
+so far is the progress. The help ends at the path's end: the force fades within 0.3 s and stays zero.
 
-The help ends at the path's end: once s is within a sample of it and the hand within a width, the force fades within
-0.3 s and stays zero.
-
-A hand that stands still under more than 0.1 F for 0.3 s is released within 0.3 s, because the person wants to be
-elsewhere. It is held again within a width of a path point 1 to 20 widths away along the path (the nearest one), once it
-is more than a width from where it was released. In the first tick, and the first after a gap without valid samples, a
-hand further than F/S and a width from p(s) is released at once.
+A hand that stands still under more than 0.1 F for 0.3 s is released, since the person wants to be elsewhere. The spring
+holds the hand again within a width of a path point 1 to 20 widths away along the path, once the hand is more than a
+width from where it was released. In the first tick after a gap without valid samples, a hand further than F/S and a
+width from p(s) is released at once.
 """
 
 from __future__ import annotations
@@ -36,7 +33,8 @@ PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, speed_cap=1, 
 PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, gap=1, place=2, along=2)
 """s and the largest s so far, in samples; time [s] that the hand has stood still under force since s moved by a width
 from the sample `mark`; fraction of the force; whether the hand is released; whether no sample has been valid since;
-p(s) [m] and the path's direction there."""
+p(s) [m] and the path's direction there.
+"""
 WINDOW = 2.0
 """Range of the search for the nearest point, in widths either way."""
 STANDING = 0.1
@@ -56,10 +54,8 @@ BESIDE = 2 * BEFORE + 2
 def progress_function() -> ca.Function:
     """Function of one tick of the progress.
 
-    Returns
-    -------
-    `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) - `BEFORE` on
-    (2, `BESIDE`) [m] -> `PROGRESS`. Before the path's start its first point repeats, beyond its end its last.
+    Inputs: `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) -
+    `BEFORE` on (2, `BESIDE`) [m]; the path's first and last points repeat. Output: `PROGRESS`.
     """
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
     hand, force, beside = ca.SX.sym("hand", 2), ca.SX.sym("force", 2), ca.SX.sym("beside", 2, BESIDE)
@@ -75,7 +71,7 @@ def progress_function() -> ca.Function:
     found = first + _nearest(hand, old.place, beside, old.at - first, first=first, last=model.last)
     at = ca.if_else(near, old.at + clipped(found - old.at, -step, step), old.at)
 
-    # The end, and a hand that stands.
+    # The path's end, and a hand that stands still.
     at_end = all_true(free, at >= model.last - 1, ca.sumsqr(hand - beside[:, BEFORE + 2]) <= width**2)
     at, ended = ca.if_else(at_end, model.last, at), ca.logic_or(ended, at_end)
     moved = ca.fabs(at - old.mark) >= SAMPLES_PER_WIDTH
@@ -85,13 +81,13 @@ def progress_function() -> ca.Function:
     fades = ca.if_else(ca.logic_or(away, ended), -model.dt, model.dt) / FADE
     grip = ca.if_else(lost, 0, clipped(old.grip + fades, 0, 1))
 
-    # Where a hand that was let go is held again.
+    # Where a released hand is held again.
     again = _other_place(hand, old.place, beside, first=first, last=model.last, width=width)
     returns = all_true(old.away > 0, old.grip == 0, again >= 0)
     at, away = ca.if_else(returns, again, at), ca.if_else(returns, 0, away)
     mark, stood = ca.if_else(ca.logic_or(moved, returns), at, old.mark), ca.if_else(away, 0, stood)
 
-    # Place and direction there; of a hand that is held again from the next tick on.
+    # Place and direction there; for a hand that is held again, from the next tick on.
     begin, end = BEFORE - NEAR, BEFORE + NEAR + 1
     corner, way, past = beside[:, begin], beside[:, begin + 1] - beside[:, begin], at - first - begin
     for i in range(begin + 1, end + 1):
@@ -109,7 +105,7 @@ def progress_function() -> ca.Function:
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
     """Position, in samples after the first of `beside`, of the point nearest to the hand within the window.
 
-    Of equally near points, as after a reversal on the same line, it is the furthest along the path.
+    Of equally near points, as after a reversal on the same line, the furthest along the path is taken.
     """
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
@@ -122,7 +118,7 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
 
 
 def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Sample within a width of the hand, at least a width away along the path; the nearest one, or -1."""
+    """Nearest sample within a width of the hand, at least a width away along the path; -1 if there is none."""
     found = ca.SX(-1)
     for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
         for i in (BEFORE - apart, BEFORE + apart):

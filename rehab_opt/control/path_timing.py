@@ -2,14 +2,14 @@
 
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
-The path is cut into zones. An axis has bounds v, a, j and, in each zone, largest derivatives. With fractions c, the
-progress in a zone is bounded by the minimum over the axes of
+The path is cut into zones; in each zone every axis has largest derivatives. v, a and j are an axis's bounds of
+velocity, acceleration and jerk. With fractions c, the progress in a zone is bounded by the minimum over the axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))
     J = (j - |q_sss| V^3 - 3 |q_ss| V A) / |q_s|
 
-Without waypoints, Ruckig plans to the end of each zone at a speed that allows all later zones.
+Ruckig plans to the end of each zone, at a speed that allows all later zones.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ __all__ = ["PathCells", "PathTiming", "ruckig_timing"]
 Array = NDArray[np.float64]
 
 CURVE, BEND, CROSS = 0.7, 0.7, 0.5  # c_a, c_j, c_x
-ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone of speeds; the same without jerk; of accelerations
-QUICK = 1e-4  # [s] The progress takes at least this long to reach its speed limit, also where all axes stand.
+ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone of speeds; of speeds without jerk; of accelerations
+QUICK = 1e-4  # [s] Least time in which the progress reaches its speed limit, also if all axes stand.
 PART, SPEED, RAMP = 1.0 - 1e-4, 1.0 - 5e-7, 1e-3
 """Used fraction of a zone's length and of the speed limit at its ends; least fraction of its shortest time for the rise
-of acceleration. Without these margins Ruckig, by rounding, refuses one zone in 800."""
+of acceleration. Without these margins rounding makes Ruckig refuse some zones.
+"""
 
 
 class PathCells(NamedTuple):
@@ -49,7 +50,7 @@ class PathTiming(NamedTuple):
     end: float
 
     def at(self, times: Array) -> Array:
-        """(N,) progress at these times [s]; the path's end afterwards."""
+        """Progress (N,) at these times [s]; the path's end afterwards."""
         k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         since, (s, v, a, j) = times - self.times[k], self.pieces[:, k]
         return np.where(times < self.times[-1], s + since * (v + since * (a / 2.0 + since * j / 6.0)), self.end)
@@ -66,7 +67,7 @@ def ruckig_timing(
     mid, second = cells.first + cells.second * length / 2, cells.second + cells.third * length
     steep = np.abs([cells.first, mid, mid + second * length / 2]).max(axis=0)  # Bernstein coefficients
     bent, twisted = np.abs([cells.second, second]).max(axis=0), np.abs(cells.third)
-    with np.errstate(divide="ignore"):  # an axis that stands bounds nothing
+    with np.errstate(divide="ignore"):  # an axis at rest bounds nothing
         curves = np.sqrt(CURVE * acceleration / bent), np.cbrt(BEND * jerk / twisted)
         speed = np.minimum(np.minimum.reduce([velocity / steep, *curves]).min(axis=1), fastest)
         strong = np.minimum((acceleration / steep).min(axis=1), speed / QUICK)
@@ -90,12 +91,12 @@ def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTimi
     question.current_position = question.current_acceleration = question.target_acceleration = [0.0]
     question.target_position = [1.0]
     ways, times, pieces = np.diff(places), [np.zeros(1)], []
-    # In units in which the zone's length is 1 and its bounds are at least 1: Ruckig's tolerances are absolute.
+    # Scale to a zone length of 1 and bounds of at least 1, since Ruckig's tolerances are absolute.
     units = np.maximum.reduce([ways / top, np.sqrt(ways / quick), np.cbrt(ways / sudden)])
     if np.isfinite(sudden).any():
         sudden = np.minimum(sudden, quick / (RAMP * units))
     speeds = SPEED * np.concatenate([[0.0], np.minimum(top[:-1], top[1:]), [0.0]])
-    for z in (*range(len(ways) - 1, -1, -1), *range(len(ways))):  # back and forth: where each zone can be passed
+    for z in (*range(len(ways) - 1, -1, -1), *range(len(ways))):  # backward and forward pass over the zones
         slow, fast = (z, z + 1) if speeds[z] < speeds[z + 1] else (z + 1, z)
         speeds[fast] = min(speeds[fast], _reached(*map(float, (speeds[slow], PART * ways[z], quick[z], sudden[z]))))
     for z, (way, unit) in enumerate(zip(ways, units, strict=True)):

@@ -1,4 +1,4 @@
-"""A reference pose limited to a person's range of motion: the hand of a model arm that tracks it."""
+"""Limit a reference pose to a person's range of motion: the hand of a model arm that tracks the reference."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["PersonLimit", "model_tick"]
 Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.1
-"""[m/rad] Weight of the hand's rotation relative to its position: a narrow wrist yields first."""
+"""[m/rad] Weight of the hand's rotation relative to its position."""
 SETTLING, SETTLING_DT = 300, 0.05
 """Largest number of ticks, and their length [s], in which the model converges to the first pose."""
 SETTLED = 1e-6
@@ -34,7 +34,7 @@ GAIN = 30.0
 def model_tick(chain: SerialChain) -> ca.Function:
     """Function: posture (n,), joint velocities (n,), time [s], ticks left -> posture, ticks left, hand, twist.
 
-    The ticks are for convergence to the first pose, 0 once it is reached. The hand is its pose, all 16 entries, and its
+    The ticks are for convergence to the first pose, 0 once it is reached. The hand is a pose with 16 entries and a
     twist (6,), linear [m/s] first.
     """
     q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
@@ -51,7 +51,7 @@ class _Model(PoseTracker):
     watched = False
 
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
-        """Zero: the person's elbow stays."""
+        """Zero: the person's elbow does not move by itself."""
         return ca.SX.zeros(self.chain.n)
 
 
@@ -59,7 +59,7 @@ class PersonLimit:
     """Nearest pose to a moving reference that a model arm with this range of motion can follow.
 
     The model arm satisfies its joint limits exactly and never jumps; a pose within its range is returned with a lag
-    below a millimetre. Nearest is meant locally, from the model arm's current posture.
+    below a millimetre. Another start posture may reach more poses, since the model moves locally.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class PersonLimit:
         """Remaining ticks for convergence to the first pose; 0 once it is reached."""
 
     def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
-        """Converge to the first pose for at most `ticks` ticks; returns whether the model has converged."""
+        """Converge to the first pose for at most `ticks` ticks; return whether the model has converged."""
         if self.q is None:
             self.q = self.start.copy()
         while self._settling > 0 and ticks > 0:

@@ -43,10 +43,10 @@ class PoseInputs(VelocityController):
     ) -> None:
         """Set the arguments of `step`; raises `ConfigurationError` for invalid ones."""
         usual = False
-        # A masked array would be read through its mask.
+        # A masked array would lose its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:
             try:
-                # From view to view: half of numpy's cost, and any other type or size is refused.
+                # View to view: twice as fast as numpy, and refuses any other type or size.
                 views: tuple[Any, ...] = self._views
                 views[0][:], views[2][:] = q, twist
                 views[1][:] = pose.ravel()

@@ -1,4 +1,4 @@
-"""Differential inverse kinematics whose commands can always be braked without passing a limit."""
+"""Differential inverse kinematics whose commands can always be braked without violating a limit."""
 
 from __future__ import annotations
 
@@ -55,18 +55,17 @@ __all__ = ["PoseTracker"]
 Array = NDArray[np.float64]
 
 CALMING = 0.5
-"""[m/rad^2] Damping per metre of the error that limits or singular postures leave, to shorten steps."""
+"""[m/rad^2] Damping per metre of the error that limits or singular postures leave; it shortens steps."""
 MISSED = 0.02
 """Fraction of a twist that the least damping removes at regular postures; a larger rest is due to limits."""
 PASSES = 2
-"""Passes of a damped solve; each further one reduces the damping's error at regular postures."""
+"""Passes of a damped solve; each further pass reduces the damping's error at regular postures."""
 BRAKES = 0.7
 """Fraction of the accelerations that is used in the approach to a target."""
 ASIDE_SPEED, FREE_TURN = 0.1, 0.5
-"""Largest self-motion for the posture, as a fraction of the largest speeds; faster motion would move the hand. [rad]
-see `PoseTracker.self_motion`."""
+"""Largest self-motion for the posture, as a fraction of the largest speeds; [rad] see `PoseTracker.self_motion`."""
 ASIDE = 3
-"""Rounds in which a command is moved aside from approaching bodies."""
+"""Rounds in which a command is moved away from approaching bodies."""
 SECANTS = 2
 """Rounds in which a forbidden command is blended with braking."""
 TINY = 1e-12
@@ -91,7 +90,7 @@ class Task(NamedTuple):
     rate: ca.SX
     """(6,) weighted error at the stop posture over the time of its correction."""
     centre: ca.SX
-    """(n,) `base`, or a velocity close to w if no limit holds w back, which makes w nearly free of damping."""
+    """(n,) `base`, or a velocity close to w if no limit affects w; then w is nearly free of damping."""
     damping: ca.SX
     lower: ca.SX
     upper: ca.SX
@@ -102,17 +101,16 @@ class PoseTracker(PoseInputs):
     """Joint velocities for a tool that follows a pose and a twist.
 
     A command u is *allowed* if u and the braking after it (`Manoeuvre`) satisfy every limit. If the last command was
-    allowed, a tick of braking is allowed, so there always is one. A tick has three steps:
+    allowed, a tick of braking is allowed, so an allowed command always exists. A tick has three steps:
 
     1. min |J (u - b) - e/S|^2 + d |u - b|^2  s.t. low <= u <= high, and the tangents of `limits` at the stop posture
 
-       with J and the pose error e at the stop posture (relative to the target's motion), b the velocity after a tick of
-       braking, and S [s] the derivative of the stop posture by u. This is a Levenberg-Marquardt step; d grows with the
-       part of e that the limits leave;
-    2. the velocity changes straight towards the result, within accelerations and hand speeds;
-    3. if it is not allowed, it is blended with braking until it is.
+       Here J is the Jacobian and e the pose error at the stop posture, b the velocity after a tick of braking, and
+       S [s] the derivative of the stop posture by u. The damping d grows with the part of e that the limits leave.
+    2. The velocity changes straight towards the result, within accelerations and hand speeds.
+    3. If the result is not allowed, it is blended with braking until it is.
 
-    It uses the joints' commanded positions (`FrontEnd`). An object belongs to one thread: see `OneThread`.
+    The tracker acts on the joints' commanded positions (`FrontEnd`). An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -121,15 +119,14 @@ class PoseTracker(PoseInputs):
     gain : [1/s] rate at which a pose error decays near the target.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     task_weights : (6,) relative weights of the twist's components in the base frame; zero frees a component.
-    posture : (n,) joint positions that a redundant chain approaches by self-motion; by default the middle of each
+    posture : (n,) joint positions that a redundant chain approaches by self-motion. By default the middle of each
         joint's range, if there are more than six joints and no zero weights. The self-motion is at most
         `recovery_speed` and a tenth of the largest speeds.
     limits : further limits of the posture, each a `Limit`.
     dt : nominal tick [s].
     recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
     solver, backup : see `FallbackChain`. tolerance : largest accepted residual [the statement's units].
-    max_age : [s] see `Watchdog`.
-    compile : see `BufferedFunction`.
+    max_age : [s] see `Watchdog`. compile : see `BufferedFunction`.
 
     Raises
     ------
@@ -193,7 +190,7 @@ class PoseTracker(PoseInputs):
         )  # fmt: skip
 
     def statement(self) -> Statement:
-        """The QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
+        """QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
         n, tick, moves = self.chain.n, Stages(), self.limits.moving_size
         q, entries, twist = parameter("q", n), parameter("pose", 16), parameter("twist", 6)
         parameters = [q, entries, twist, *([parameter("obstacles", moves)] if moves else [])]
@@ -233,7 +230,7 @@ class PoseTracker(PoseInputs):
         return report
 
     def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
-        """Target velocity without rows, whether it is far from all limits, and else their rows."""
+        """Target velocity without rows, whether it is far from all limits, and the rows for when it is not."""
         brake = self._manoeuvre
         aim = tick.once(clipped(clipped(task.w, task.lower, task.upper), -brake.speed, brake.speed))
         far = tick.once(kept.far(tick, Way(now.state, aim, further(brake.ticks(aim)))))
@@ -251,7 +248,7 @@ class PoseTracker(PoseInputs):
         return aim, far, Rows(*parts)
 
     def _blocking(self, target: ca.SX, task: Task, rows: Rows | None, outside: ca.SX) -> ca.SX:
-        """Number of the reason, and the joint or -1, for a command without any of the commanded motion."""
+        """Number of the reason, and the joint or -1, for a command that delivers none of the commanded motion."""
         beyond = ca.fmax(task.w - task.upper, task.lower - task.w)
         most = ca.mmax(beyond)
         joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
@@ -268,7 +265,6 @@ class PoseTracker(PoseInputs):
         ])  # fmt: skip
 
     def _now(self, tick: Stages, state: State, memory: ca.SX) -> Now:
-        """State at the start of a tick."""
         n, brake = self.chain.n, self._manoeuvre
         if self.jerk is not None:
             jerky = self.jerk.interval(state.q, state.last, memory[2 * n : 3 * n])
@@ -281,11 +277,11 @@ class PoseTracker(PoseInputs):
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
     def _task(self, tick: Stages, now: Now, target: ca.SX, error: ca.SX, twist: ca.SX) -> Task:
-        """The step on the error at the stop posture relative to the target, from its `error` (6,) now."""
+        """Step on the error at the stop posture relative to the target, from its `error` (6,) now."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
         movable = ca.diag(ca.DM(~chain.locked))
-        # A target that is far away is not followed by its twist.
+        # The twist of a target that is far away is not followed.
         damping = DAMPING + CALMING * ca.norm_2(error[:3])
         follow = tick.once(
             damped_velocity(
@@ -308,7 +304,7 @@ class PoseTracker(PoseInputs):
         unweighted = ca.DM(1 / np.where(self.task_weights > 0, np.array(weights).ravel(), np.inf))
         rate = tick.once(error / S / ca.fmax(1, self._hand.over(unweighted * error / S)))
 
-        far = 1e3 * brake.speed  # where a speed ends it, the velocity is led towards what the task wants beyond
+        far = 1e3 * brake.speed  # beyond a speed limit, the velocity still turns towards the task
         low = ca.if_else(ends.low <= -brake.speed, -far, ends.low)
         high = ca.if_else(ends.high >= brake.speed, far, ends.high)
         lower, upper = tick.once((ca.fmin(low, ends.high), high))
@@ -317,13 +313,13 @@ class PoseTracker(PoseInputs):
         free = tick.once(base + aside + last)
         left = ca.norm_2(rate - J @ (clipped(free, lower, upper) - base)) - MISSED * ca.norm_2(beside)
         d = tick.once(DAMPING + CALMING * S * ca.fmax(left, 0))
-        # What limits leave of the error comes before the posture: damping towards that would leave more.
+        # The remaining error has precedence over the posture: damping towards the posture would increase it.
         centre = tick.once(base + ca.if_else(left > 0, 0, aside + first))
         w = tick.when(left > 0, lambda: base + damped_velocity(J, rate, damping=d, passes=1), free)
         return Task(J, base, rate, centre, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
-        """q, memory, moving capsules if any -> memory after a tick of braking, and its report.
+        """Function: q, memory, moving capsules if any -> memory after a tick of braking, and its report.
 
         Braking does not move a joint back into its limits.
         """
@@ -370,7 +366,7 @@ class PoseTracker(PoseInputs):
 
     @property
     def _settling(self) -> float:
-        """[1/s] rate that removes 1 - exp(-gain dt) of the error in one tick: no overshoot at any dt."""
+        """Rate [1/s] that removes 1 - exp(-gain dt) of the error in one tick: no overshoot at any dt."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     @property
@@ -385,8 +381,8 @@ class PoseTracker(PoseInputs):
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
         """(n,) [rad/s] self-motion from q (n,) towards the rest posture, added to `braking` (n,).
 
-        It is scaled to `recovery_speed`, at most `ASIDE_SPEED`. Components of a rotation error `turn` (3,) [rad] are
-        meaningful only near the target: if one is free, the self-motion ends `FREE_TURN` from it.
+        It is scaled to `recovery_speed`, at most `ASIDE_SPEED`. If a component of the rotation error `turn` (3,) [rad]
+        is free, the self-motion ends `FREE_TURN` from the target, since the components are meaningful only near it.
         """
         chain, away = self.chain, self._rest_posture - q
         if self.posture is None and (np.any(self.task_weights == 0) or np.sum(~chain.locked) <= len(self.task_weights)):
@@ -427,7 +423,7 @@ class PoseTracker(PoseInputs):
         return tick.when(kept, u, lambda: tick.call(again, H, u, rows.slopes, rows.away, upper, *ends)[0])
 
     def _clear(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX) -> ca.SX:
-        """(n,) u, or a velocity that passes no limit of the posture in this tick, to which accelerations yield."""
+        """(n,) u, or a velocity that violates no limit of the posture in this tick; may exceed accelerations."""
         if self.kept is None:
             return u
         limits, q, moving = self.limits, now.state.q, now.state.moving
@@ -441,7 +437,7 @@ class PoseTracker(PoseInputs):
             return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
 
         def aside(u: ca.SX, rounds: int) -> ca.SX:
-            """Correct u by Newton steps until it passes no limit; the last step counts if no worse than rest."""
+            """Correct u by Newton steps until it violates no limit; the last step counts if no worse than rest."""
             contacts = tick.call(pairs.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
             led = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
             if rounds > 1:
@@ -454,9 +450,8 @@ class PoseTracker(PoseInputs):
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
     def _allowed(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX, far: ca.SX) -> ca.SX:
-        """(n,) u, or its largest blend with braking that passes no limit further than braking does.
-
-        `far` : whether u leads nowhere near a limit of the posture.
+        """(n,) u, or its largest blend with braking that violates no limit more than braking; `far`: u is far from all
+        limits.
         """
         brake, braked, kept = self._manoeuvre, now.braked, self.kept
         usual: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand]
@@ -502,17 +497,17 @@ class PoseTracker(PoseInputs):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
-        Numbers raise no error: an invalid state or pose gives the fallback command, a tick of braking, with a reason.
+        An invalid state or pose raises no error: the command is a tick of braking, with a reason.
 
         Parameters
         ----------
         q : (n,) measured joint positions [rad, m].
         pose : (4, 4) reference pose of the tool in the base frame.
         twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
-        obstacles : current moving capsules in the base frame; required in every tick if the `Clearance` has moving
-            capsules, else not allowed. The array (k, 14) of `moving_numbers` is the fast form.
+        obstacles : current moving capsules in the base frame, in every tick if the `Clearance` has moving capsules,
+            else not allowed. The array (k, 14) of `moving_numbers` is the fast form.
         enable : dead man's switch; anything but True decelerates to rest.
-        stamp : time of the state [s]; checked by the watchdog when given.
+        stamp : [s] time of the state; the watchdog checks it.
 
         Raises
         ------
@@ -525,5 +520,5 @@ class PoseTracker(PoseInputs):
 
 
 def _error(target: ca.SX, pose: ca.SX) -> ca.SX:
-    """(6,) error from a pose (4, 4) to the target: position and rotation vector in the base frame."""
+    """Error (6,) from a pose (4, 4) to the target: position and rotation vector in the base frame."""
     return ca.vertcat(target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T))

@@ -20,7 +20,7 @@ Weights = Mapping[str, float | Mapping[str, float]]
 
 POSTURE_COSTS = ("rest", "speed", "elbow", "displacement", "acceleration", "manipulability")
 NARROW, WIDE = 0.1, 2 * math.pi
-"""[rad] Ranges are clipped to these limits; a joint with a tiny range would outweigh the arm."""
+"""[rad] Ranges of motion are clipped to these limits, since a joint with a tiny range would outweigh the arm."""
 ELBOWS = ("forearm_extension", "elbow")
 
 
@@ -44,7 +44,7 @@ class Quadratic(NamedTuple):
 
 
 class PostureCost:
-    """Sum of weighted terms, each 1/2 sum_i w_i (change_i / range_i)^2 but the last.
+    """Sum of weighted terms, each but the last 1/2 sum_i w_i (change_i / range_i)^2.
 
     ================ ====================================================================================
     "rest"           distance from the rest posture
@@ -55,12 +55,11 @@ class PostureCost:
     "manipulability" w^2 over its mean over the range of motion: low where spasms move the hand little
     ================ ====================================================================================
 
-    range_i is the joint's range of motion, clipped to 0.1 rad and 2 pi. A term without a reference posture is left out;
-    if no term remains, "rest" is used.
+    range_i is the joint's range of motion, clipped to 0.1 rad and 2 pi, and w the manipulability. A term without a
+    reference posture is left out; if no term remains, "rest" is used.
 
     Parameters
     ----------
-    arm : the chain.
     weights : weight of each term, or weights by joint name: {"displacement": {"humeral_flexion": 2}}.
     rest : (n,) [rad] rest posture, clipped to the limits; None for that of Table I, else the middle of the limits.
 
@@ -84,7 +83,7 @@ class PostureCost:
             else:
                 self._terms[name] = scale * _joint_weights(arm, name, weight)
         self._default = scale
-        # The far end of an infinite range is no flexed position: the rest posture stands in.
+        # An infinite range has no flexed position: use the rest posture.
         self._flexed = np.where(np.isfinite(arm.upper), arm.upper, self.rest)
         self._constant = None if self._needs_history else self._combined(History())
 
@@ -125,7 +124,7 @@ class PostureCost:
 
 
 def rest_posture(arm: SerialChain, rest: ArrayLike | None = None) -> Array:
-    """(n,) rest posture inside the limits: given, that of Table I, or the middle of the limits."""
+    """(n,) rest posture inside the limits: the argument, that of Table I, or the middle of the limits."""
     if rest is None:
         if arm.names == ARM_JOINTS:
             chosen = ARM_REST

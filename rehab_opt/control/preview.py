@@ -23,7 +23,7 @@ class Layout(NamedTuple):
     twists: Array
     """(K, 6) twists at the clock's pace [m/s, rad/s]."""
     paces: list[float]
-    """Seconds of the reference in a second."""
+    """Seconds of the reference per second."""
     places: list[tuple[int, float]]
     """Sample, and fraction of the step to the next one, after the tick."""
 
@@ -44,19 +44,19 @@ class Preview:
     ) -> None:
         self._poses, self._twists, self._seconds, self._paces = poses, twists, seconds.tolist(), paces.tolist()
         ways = turns_between(poses[:-1, :3, :3], poses[1:, :3, :3])
-        self._turns = np.append(ways, np.zeros((1, 3)), axis=0)  # from the last sample, which may be alone, none
+        self._turns = np.append(ways, np.zeros((1, 3)), axis=0)  # none from the last sample, which may be the only one
         self._limits = np.array([linear_speed, angular_speed]) * (1.0 - NEAR)
         self._fastest = self._speeds(twists).tolist()
 
     def _speeds(self, twists: Array) -> Array:
-        """(N,) ratio of the speeds to their limits."""
+        """Ratio (N,) of the speeds to their limits."""
         linear, angular = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 
     def ahead(self, place: tuple[int, float], pace: float, most: int, *, dt: float, quickening: float) -> Layout:
-        """At most `most` ticks from a place and a pace; a bridge, which takes longer than a tick, ends them.
+        """At most `most` ticks from a place and a pace, which rises by at most 1 in `quickening` seconds.
 
-        The pace rises by at most 1 in `quickening` seconds and stays within the speed limits.
+        The preview ends before a bridge, which takes longer than a tick.
         """
         at, fraction = place
         last, rise = len(self._seconds) - 1, dt / quickening
@@ -66,7 +66,7 @@ class Preview:
             fast = fastest[at] if fraction == 0.0 else fastest[at] + fraction * (fastest[at + 1] - fastest[at])
             pace = min(1.0, paces[at], 1.0 / fast if fast > 1.0 else 1.0, pace + rise)
             left = pace * dt
-            if at < last and left < (1.0 - fraction) * seconds[at + 1] <= longest:  # the usual way, and the quick one
+            if at < last and left < (1.0 - fraction) * seconds[at + 1] <= longest:  # the usual case, and the fast one
                 fraction += left / seconds[at + 1]
                 taken.append(pace)
                 places.append((at, fraction))
@@ -102,13 +102,13 @@ class Preview:
 
 
 def turns_between(before: Array, after: Array) -> Array:
-    """(N, 3) rotation vectors [rad] in the base frame from rotations to others (N, 3, 3), below half a turn."""
+    """Rotation vectors (N, 3) [rad], below half a turn, in the base frame, from rotations to others (N, 3, 3)."""
     skew, sine, angle = _between(before, after)
     return np.asarray(skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None])
 
 
 def angles_between(before: Array, after: Array) -> Array:
-    """(N,) [rad] angles from rotations to others (N, 3, 3), up to half a turn."""
+    """Angles (N,) [rad], up to half a turn, from rotations to others (N, 3, 3)."""
     return _between(before, after)[2]
 
 
@@ -121,7 +121,7 @@ def _between(before: Array, after: Array) -> tuple[Array, Array, Array]:
 
 
 def turned_each(rotations: Array, vectors: Array) -> Array:
-    """Rotations (N, 3, 3) rotated by rotation vectors (N, 3) in the base frame (Rodrigues)."""
+    """Rotations (N, 3, 3) rotated by rotation vectors (N, 3) in the base frame, after Rodrigues."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     small = angle < 1e-6
     safe = np.where(small, 1.0, angle)

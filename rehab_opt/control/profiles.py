@@ -15,25 +15,22 @@ Frame = tuple[list[float], list[float]]  # origin [u] at the start of a plan, an
 
 CERTIFIED = 1e-6
 """Largest accepted certificate residual."""
-EDGE = 1e-12  # [u] by which rounding may carry a profile that ends on a bound beyond it; the output is clipped
+EDGE = 1e-12  # [u] rounding beyond a bound of a profile that ends on it; the output is clipped
 INSIDE = 1.0 - 2.0**-48
-"""Factor on Ruckig's velocity limit. For a ramp that ends exactly at the bound, rounding makes Ruckig miss the profile
-at full speed in one case of six, and its answer takes up to tens of seconds more."""
-ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a share of the largest one
+"""Factor on Ruckig's velocity limit: if a ramp ends exactly at the bound, Ruckig may miss the profile by rounding."""
+ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a fraction of the largest one
 
 
 class Profiles:
     """Current motion of the axes: state, current profile, and finite differences of the output.
 
-    The position bounds hold by induction: a profile is accepted only if all of it is inside and its axes can stop
-    inside from its end. Otherwise the current, safe one continues. The position range of a profile is computed here,
-    because Ruckig's own extrema omit reversals at constant acceleration.
+    The position bounds hold by induction. A profile is accepted only if all of it is inside and its axes can stop
+    inside from its end; otherwise the current profile continues. The position range is computed here, since Ruckig's
+    own extrema omit reversals at constant acceleration.
 
-    A stop is planned axis by axis without Ruckig. The stop of an axis can leave the bounds only if the axis is about to
-    reverse just before the bound, because the current profile stays inside. Such an axis continues braking along that
-    profile and stops in the first tick in which its stop is inside; the other axes do not wait. So no bound yields in a
-    stop, unless `start` set an axis outside or too fast before its bound; then the position bound yields, and velocity,
-    acceleration and jerk bounds hold.
+    Each axis stops on its own, without Ruckig. If the stop of an axis would leave the bounds because the axis is about
+    to reverse, the axis continues along its profile and stops in the first tick in which its stop is inside. So a stop
+    violates no bound. Only if `start` set an axis outside or too fast before its bound, the position bound is relaxed.
 
     Parameters
     ----------
@@ -55,27 +52,27 @@ class Profiles:
             (low - EDGE * (1.0 + abs(low)), high + EDGE * (1.0 + abs(high)))
             for low, high in zip(bounds.lower, bounds.upper, strict=True)
         ]
-        # So far from the edges that no axis reaches them when it turns round at its largest acceleration.
+        # So far from the edges that no axis reaches them while it reverses at its largest acceleration.
         turns = [0.5 * v * v / a for v, a in zip(bounds.velocity, bounds.acceleration, strict=True)]
         self._amidst = [(low + turn, high - turn) for (low, high), turn in zip(self._edges, turns, strict=True)]
-        # Results without a name (a profile of more than 7.6e3 s) come out of the binding as ValueError.
+        # The binding raises ValueError for results without a name (a profile of more than 7.6e3 s).
         self._refusals: tuple[type[Exception], ...] = (ruckig.RuckigError, ValueError)
         self._solver = ruckig.Ruckig(n)
         self._plan, self._spare = ruckig.Trajectory(n), ruckig.Trajectory(n)
         self._rest = [0.0] * n
         self._question = ruckig.InputParameter(n)
-        # Free axes: none waits for another. Off the line, where no phase is common to all, Ruckig makes ends meet.
+        # Free axes do not wait for each other. Off the line Ruckig synchronises only the end times.
         self._straight = straight
         self._question.synchronization = ruckig.Synchronization.Phase if straight else ruckig.Synchronization.No
         self._question.max_acceleration, self._question.max_jerk = bounds.acceleration, bounds.jerk
         self._question.target_velocity = self._rest
-        self._stops: dict[int, tuple[AxisStop, float]] = {}  # by axis, with `age` at its begin; the others follow _plan
+        self._stops: dict[int, tuple[AxisStop, float]] = {}  # per axis, with `age` at its start; others follow _plan
 
     # ------------------------------------------------------------------------------------------------- planning
     def start(self, p: list[float], v: list[float]) -> bool:
         """Start at positions p with velocities v and zero acceleration, and come to rest; False on overflow."""
         self.p, self.v, self.a = p, v, self._rest
-        self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had always been
+        self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had been constant
         self._size = -1.0
         self._allow_rounding(p)
         self.outside = not self._is_inside()
@@ -85,15 +82,12 @@ class Profiles:
         return all(math.isfinite(stop.seconds + stop.at(math.inf)[0]) for stop, _ in self._stops.values())
 
     def move(self, goal: list[float], speed: list[float]) -> bool:
-        """Plan to a goal that is at `goal` [u] one tick from now; False if that would leave the bounds.
+        """Plan to `goal` (n,) [u], one tick from now and inside the bounds; False if the plan would leave the bounds.
 
-        Parameters
-        ----------
-        goal : (n,) inside the bounds.
         speed : (n,) [u/s] speed of the goal, below the velocity bounds; zero while an axis is outside.
         """
-        # Planned in the frame that moves with the goal: it rests there, and the velocity bounds shift. Ruckig's own
-        # target velocity passes the goal where it is now: asked again every tick, it trails by centimetres.
+        # Plan in the frame that moves with the goal, with shifted velocity bounds. Ruckig's own target velocity
+        # passes the goal where it is now; planned again in every tick, it trails by centimetres.
         speed = self._rest if self.outside else speed
         self._set_velocity_bounds(speed)
         moving = any(speed)
@@ -111,7 +105,7 @@ class Profiles:
     def stop(self, *, at_any_price: bool = False) -> None:
         """Stop each axis as fast as acceleration and jerk bounds allow, as soon as its stop stays inside.
 
-        Call it in every tick until all axes are `stopping`; with `at_any_price` all stop at once.
+        To be called in every tick until all axes are `stopping`; with `at_any_price` all axes stop at once.
         """
         if at_any_price:
             self._stops, self._end = {}, self.age
@@ -143,11 +137,11 @@ class Profiles:
 
     # ------------------------------------------------------------------------------------------------ following
     def advance(self) -> float:
-        """Advance by one tick; returns the certificate residual of the new state, which is always finite.
+        """Advance by one tick; return the certificate residual of the new state, which is always finite.
 
-        The residual is the largest excess of the finite differences of `p` over the velocity, acceleration and jerk
-        bounds, as a fraction of them and without rounding, and of `p` over the position bounds [u]. If it is too large,
-        the axes stop from the last state; if that is not finite either, they hold.
+        The residual is the largest relative excess of the finite differences of `p` over the velocity, acceleration and
+        jerk bounds, without rounding, and of `p` over the position bounds [u]. If the residual is too large, the axes
+        stop from the last state; if that is not finite either, they hold.
         """
         state = self._sample()
         residual = self._residual(state[0])
@@ -179,7 +173,7 @@ class Profiles:
         self._standing = self.arrived and (self.stopping or self._frame is None)
         if self._bounded:
             for i, (low, high) in enumerate(zip(self.bounds.lower, self.bounds.upper, strict=True)):
-                # What ends on a bound; an axis that is still on its way back from outside would be jerked by it.
+                # Clip rounding at a bound, but not an axis that still returns from outside.
                 if not low <= p[i] <= high and (low <= self.p[i] <= high or self._standing):
                     near, far = self._edges[i]
                     p[i] = min(max(p[i], low), high) if near <= p[i] <= far else p[i]
@@ -213,14 +207,14 @@ class Profiles:
         return 0.0 if fine else self._excess(p)
 
     def _excess(self, p: list[float]) -> float:
-        """The residual without the shortcut for zero."""
+        """`_residual` without the shortcut for zero."""
         speeds, changes = (np.array(numbers) for numbers in self._candidates)
         differences = np.array([speeds, changes, (changes - self._changes) * self._rate])
         allowed = np.array(self._allowed)[:, :3].T
         bounds = np.array(self.bounds[2:])
         beyond = np.maximum(np.subtract(self.bounds.lower, p), np.subtract(p, self.bounds.upper))
         before = np.maximum(np.subtract(self.bounds.lower, self.p), np.subtract(self.p, self.bounds.upper))
-        beyond = np.where(beyond <= np.maximum(before, 0.0), 0.0, beyond)  # outside, but not further: no excess
+        beyond = np.where(beyond <= np.maximum(before, 0.0), 0.0, beyond)  # outside, but not further out: no excess
         residual = float(np.max([np.max((np.abs(differences) - allowed) / bounds), np.max(beyond), 0.0]))
         return residual if math.isfinite(residual) else math.inf
 
@@ -234,7 +228,7 @@ class Profiles:
         self._question.min_velocity = [-v - w for v, w in zip(limit, frame_speed, strict=True)]
 
     def _along(self, goal: list[float]) -> bool:
-        """Whether Ruckig finds a straight-line profile from rest; it tries only its own slowest axis."""
+        """Whether Ruckig finds a straight-line profile from rest; Ruckig tries only its own slowest axis."""
         question, ways = self._question, [abs(y - x) for x, y in zip(self.p, goal, strict=True)]
         names, bounds = ("max_velocity", "max_acceleration", "max_jerk"), self.bounds[2:]
         for name, bound in zip(names, bounds, strict=True):
@@ -275,7 +269,7 @@ class Profiles:
             low, high = self._edges[i]
             if frame is None:
                 low, high = min(low, self.p[i]), max(high, self.p[i])
-            way = w * seconds  # at most what both motions reach, each taken for itself
+            way = w * seconds  # bounded by the sum of the two motions' ranges
             low, high = low - start - min(way, 0.0), high - start - max(way, 0.0)
             beyond = (self.bounds.velocity[i] + abs(w)) ** 2 / (2.0 * self.bounds.acceleration[i])
             if not (low <= extent.min - beyond and extent.max + beyond <= high):

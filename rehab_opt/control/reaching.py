@@ -28,8 +28,9 @@ LEASH = 0.03
 FARTHEST = 100.0
 """[m] Largest distance of a target from the hand; a larger one is a mistake, such as millimetres."""
 LATE = 0.1
-"""[s] Least time for the distance from the hand's stopping point to the target. A chair stops later than the smoothed
-target; without this, hands overshot by up to 84 mm."""
+"""[s] Least time for the distance from the hand's stopping point to the target, since a chair stops later than the
+smoothed target.
+"""
 ARRIVED = 1e-4
 """[m] Distance below which the hand has arrived."""
 TINY = 1e-12
@@ -39,9 +40,8 @@ TINY = 1e-12
 class Reaching:
     """Twist of the hand that follows a smoothed target along a straight line.
 
-    If bounds hold the hand back by more than `LEASH`, the smoothed target restarts at the hand along the straight line
-    from there, so that the commanded direction stays on that line. Independent axes at full speed would command up to
-    55 degrees off it, and the hand could stop although the line is free.
+    If bounds hold the hand back by more than `LEASH`, the smoothed target restarts at the hand. So the commanded
+    direction stays on the straight line to the target, where independent axes would leave it.
     """
 
     def __init__(self, robot: MobileArm, *, dt: float) -> None:
@@ -58,14 +58,14 @@ class Reaching:
         self._gain = (1 - math.exp(-GAIN * dt)) / dt
         self._begun = False
         self.refused = ""
-        """Reason why the last target is refused; empty if it is accepted."""
+        """Reason why the last target was refused; empty if it was accepted."""
 
     def forget(self) -> None:
         """Restart at the next tick."""
         self._begun = False
 
     def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
-        """(3,) velocity of the hand in the world frame [m/s] at joint values q (n,); NaN for invalid numbers.
+        """Velocity (3,) of the hand in the world frame [m/s] at joint values q (n,); NaN for invalid numbers.
 
         last : (n,) joint velocities of the last tick, the chair's in its own frame.
         """
@@ -86,7 +86,7 @@ class Reaching:
             way = target - hand
             along = max(0.0, float(smoother.velocity @ way) / max(float(way @ way), TINY)) if self._begun else 0.0
             most = HAND_SPEED / max(float(np.max(np.abs(way))), TINY)
-            smoother.reset(hand, np.clip(min(along, most) * way, -HAND_SPEED, HAND_SPEED))  # which rounding may pass
+            smoother.reset(hand, np.clip(min(along, most) * way, -HAND_SPEED, HAND_SPEED))  # rounding may exceed it
             self._begun = True
         place = smoother.step(target).value
         error = place - hand
@@ -95,10 +95,10 @@ class Reaching:
         return self._in_time(smoother.velocity + self._gain * error, q, last, hand, target)
 
     def _in_time(self, twist: Array, q: Array, last: Array, hand: Array, target: Array) -> Array:
-        """(3,) the twist, slowed if the hand, with hardest braking from velocities `last`, would stop too late."""
+        """Twist (3,), slowed if the hand, with hardest braking from velocities `last`, would stop too late."""
         chain, way = self.robot.chain, target - hand
         seconds = float(np.max(np.abs(last) / chain.acceleration))
-        stop, turned = q + seconds / 2 * last, q[2] + seconds / 4 * last[2]  # the mean of the chair's way
+        stop, turned = q + seconds / 2 * last, q[2] + seconds / 4 * last[2]  # mean of the chair's motion
         cos, sin = math.cos(turned), math.sin(turned)
         stop[:2] = q[:2] + seconds / 2 * np.array([cos * last[0] - sin * last[1], sin * last[0] + cos * last[1]])
         left = float(way @ (target - chain.pose(stop)[:3, 3])) / max(float(np.linalg.norm(way)), TINY)

@@ -126,12 +126,7 @@ def reason_text(number: float, details: Iterable[float]) -> str:
 
 
 def reason_number(reason: str) -> int:
-    """Number of the reason of a Python `Command`, without its notes.
-
-    Raises
-    ------
-    ConfigurationError : an unknown reason.
-    """
+    """Number of the reason of a Python `Command`, without its notes; `ConfigurationError` for an unknown reason."""
     reason = without_notes(reason)
     if not reason:
         return 0
@@ -147,7 +142,6 @@ class Note(NamedTuple):
     name: str
     """Name of the constant in C, after REHAB_."""
     text: str
-    """Meaning of the note."""
     python: str
     """Characteristic part of Python's text."""
 
@@ -159,7 +153,7 @@ NOTES = (
         "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
     ),
 )
-"""In the order of their numbers (1, 2, 4), which stay the same in later releases. Python joins them with semicolons."""
+"""In the order of their numbers (1, 2, 4), which stay the same in later releases; joined with semicolons in Python."""
 
 
 def notes_of(reason: str) -> int:
@@ -168,5 +162,5 @@ def notes_of(reason: str) -> int:
 
 
 def without_notes(reason: str) -> str:
-    """A reason of Python without its notes."""
+    """Reason of a Python `Command` without its notes."""
     return "; ".join(part for part in reason.split("; ") if not any(note.python in part for note in NOTES))

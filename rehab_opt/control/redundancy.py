@@ -48,46 +48,40 @@ FASTER = 1e-9
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Eq. (1), Honzik, as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. (1), with the Jacobian of the middle of the tick. Priorities: joint, chassis
-    and wheel speeds, and rolling; then joint limits, obstacles and keep-outs, which are not passed, or not further;
-    then accelerations; then the task, which keeps its direction and is slowed. Before every limit, keep-out and
-    obstacle the whole robot can brake together (`BrakingTogether`), so accelerations yield only if an obstacle or a
-    velocity passed to `reset` came too late. G11 to G14 of `docs/guarantees.md` state speed and direction of the hand.
+    With no bound active the answer is Eq. (1), with the Jacobian at mid-tick. Bounds take precedence in this order:
+    joint, chassis and wheel speeds, and rolling; joint limits, obstacles and keep-outs; accelerations; the task, which
+    is slowed along its direction. The whole robot can brake together before every limit, keep-out and obstacle
+    (`BrakingTogether`). So accelerations are relaxed only if an obstacle or a velocity passed to `reset` came too late.
+    G11 to G14 of `docs/guarantees.md` state speed and direction of the hand. Between the ends of ticks, a link that
+    slides along a keep-out may enter it by up to 0.1 mm. The arm may stop up to 3.4 mm before a keep-out, since rows
+    are tangents.
 
-    For an arm that slides along a keep-out all this holds at the ends of ticks; in between it may enter by reach (1 +
-    reach / d) turn^2 / 8, with d [m] between their axes: below 0.1 mm for 10 mrad. Because rows are tangents, the arm
-    may stop up to 1.6 mm before a keep-out for `ardis()` with ticks of 10 ms, 3.4 mm with 20 ms.
+    If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly, as Eq. (1)
+    moves the arm to a better posture. The arm's joints have commanded positions as in `PoseTracker`; the base uses its
+    measured position. Collisions of the hand are not detected.
 
-    If the bounds leave nothing of the command, the status is `BLOCKED`; after 4 s the chair then moves at most at 0.1
-    rad/s and 0.05 m/s, as Eq. (1) moves the arm to a better posture. A joint outside its limits returns only if the
-    task or the posture cost moves it. The arm's joints have commanded positions as in `PoseTracker`; the base uses its
-    measured position, which is supervised after its first change. Collisions of the hand are not detected.
-
-    The last commanded velocity is part of the state: a new resolver is at rest unless `reset` sets a velocity. An
-    object belongs to one thread: see `OneThread`.
+    A new resolver is at rest unless `reset` sets a velocity. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
     robot : from `ardis` or `arm_on_chair`.
     drive : "mecanum"; "differential", which cannot move sideways; "omnidirectional", whose wheel speeds are the chassis
         twist; or "fixed", where only the arm moves. See `Drive`.
-    row_sets : sets of task rows with functions compiled at construction; `ROWS` names the rows. Any other set gets
-        uncompiled functions at first use, which takes a second or two; a moving robot brakes first. Compilation takes
-        up to half a minute per set, once per machine.
+    row_sets : sets of task rows with functions compiled at construction, up to half a minute per set; `ROWS` names the
+        rows. Any other set gets uncompiled functions at first use, which takes a second or two; a moving robot brakes
+        first.
     obstacles : walls and posts in the world frame.
     max_obstacles : largest number of obstacles at any time; default the number of `obstacles`.
     keep_out : whether the arm must stay out of the robot's keep-outs.
     limits : further limits of the posture in the world frame: `Limit`s, and a `Clearance` of the arm, also against the
-        chair. See `PoseTracker`. Without a command the robot does not give way. Beyond such a limit, or beside an
-        approaching body, accelerations (`Relaxed.ACCELERATION`) and the rates of other limits yield to it; the
-        guarantees above do not hold beside such a body. If a link passes an edge of a fixed body, the hand may deviate
-        by 0.3 of its command for T.
+        chair. See `PoseTracker`. Without a command the robot does not move away from bodies. Beyond such a limit, or
+        beside an approaching body, accelerations and the rates of other limits are relaxed; the guarantees above do not
+        hold there.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02; in longer ticks the Jacobian changes too much for the guarantees.
     recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
     solver, backup : see `FallbackChain`. tolerance : largest accepted residual [m/s, rad/s].
-    max_age : [s] see `Watchdog`.
-    compile : see `BufferedFunction`.
+    max_age : [s] see `Watchdog`. compile : see `BufferedFunction`.
 
     Raises
     ------
@@ -188,8 +182,7 @@ class RedundancyResolver(OneThread):
         Parameters
         ----------
         velocity : (n,) current joint velocities [m/s, rad/s], as in a `Command`; zero by default. Until the first
-            measured position, joints are assumed at the middle of their ranges, where limits hold and accelerations
-            yield to them.
+            measured position, joints are assumed at the middle of their ranges.
         heading : [rad] q3 at the start of that command's tick, which gives the chair's forward direction in the world.
 
         Raises
@@ -215,10 +208,10 @@ class RedundancyResolver(OneThread):
         chassis[still] = 0.0
         self._claim()
         for each in self._sets.values():
-            each.reset()  # those that do not act now, too: their solvers remember
+            each.reset()  # the inactive ones, too, since their solvers have memory
         self._active = next(iter(self._sets.values()))
         self._active.reset(np.clip(chassis, -self.robot.chain.velocity, self.robot.chain.velocity), turned[2])
-        self._reaching = None  # its smoother belongs to the thread that reaches
+        self._reaching = None  # its smoother belongs to the thread that calls `reach`
         self._give_away()
 
     # -------------------------------------------------------------------------------------------------- one tick
@@ -235,23 +228,22 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (n,) to hold until the next tick, and wheel speeds.
 
-        Numbers raise no error: invalid ones give the fallback command, a deceleration within the limits, and a reason.
+        Invalid numbers raise no error: the robot decelerates within its limits, with a reason.
 
         Parameters
         ----------
         q : (n,) current joint positions [m, rad].
         twist : (k,) commanded hand velocity, one number per row [m/s, rad/s].
-        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the tool's z axis (ARDIS's wrist axis); other
-            components are free.
+        rows : any of x, y, z, rx, ry, rz in `frame`, and roll7 about the tool's z axis; other components are free.
         frame : axes of "chassis", which turn with the chair, or of "world"; both at the hand.
         moving : current moving bodies in the world frame; see `obstacles` of `PoseTracker.step`.
         enable : dead man's switch; anything but True decelerates to rest.
-        stamp : time of the state [s]; checked by the watchdog when given.
+        stamp : [s] time of the state; the watchdog checks it.
 
         Raises
         ------
         ConfigurationError : an argument of the wrong shape, an unknown row or frame, more rows than moving joints.
-            SharingError : a second thread, see `OneThread`.
+        SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -268,11 +260,11 @@ class RedundancyResolver(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Joint velocities (n,) that move the hand to a target, through the same QP; call it in every tick.
+        """Joint velocities (n,) that move the hand to a target, through the same QP; to be called in every tick.
 
-        The hand moves straight, except for remaining motion to an earlier target, at up to 0.25 m/s along each world
-        axis, plus 0.12 m/s while it lags. It slows down so that chair and arm can stop at the target. If bounds hold it
-        back, it continues along the straight line from there as far as they allow.
+        The hand moves straight at up to 0.25 m/s along each world axis, plus 0.12 m/s while it lags. It slows down so
+        that chair and arm can stop at the target. If bounds hold the hand back, it continues along the straight line
+        from there.
 
         Parameters
         ----------
@@ -294,17 +286,17 @@ class RedundancyResolver(OneThread):
         command = self._step(q, twist, ("x", "y", "z"), "world", moving, enable, stamp)
         if not command.status.certified:
             self._reaching.forget()
-        if self._reaching.refused and command.reason.startswith("twist["):  # which is then no number
+        if self._reaching.refused and command.reason.startswith("twist["):  # which is then NaN
             command = command._replace(reason=self._reaching.refused)
         return command
 
     def instance(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Instance:
-        """The QP that `step` would solve now, as numbers, for inspection by any thread; it changes nothing.
+        """QP that `step` would solve now, as numbers, for inspection by any thread; it changes nothing.
 
-        The owner's thread also gets functions for new rows. The variables are the joint velocities (the chair's in its
-        own frame), and the hand's speeds along and off the command.
+        The variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
+        command. The owner's thread also gets functions for new rows.
         """
         names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))
@@ -337,7 +329,7 @@ class RedundancyResolver(OneThread):
         stamp: float | None,
     ) -> Command:
         active = self._active
-        if type(q) is not np.ndarray:  # a masked array would be read through its mask
+        if type(q) is not np.ndarray:  # a masked array would lose its mask
             q = real_numbers("q", q, (self.robot.chain.n,))
         bodies = None if moving is None and not self.limits.moving else self.limits.capsule_numbers("moving", moving)
         if not isinstance(rows, tuple) or rows != active.rows:

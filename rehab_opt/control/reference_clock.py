@@ -19,12 +19,11 @@ __all__ = ["CLOCK", "JUMP", "KEPT", "SAMPLE", "SPIN", "ClockStatement", "Referen
 Array = NDArray[np.float64]
 
 THINNED, KEPT = 4096, 2
-"""Largest number of waiting samples; with more, every second one is left out, except the first. At 200 Hz that is after
-20 s of waiting, and the rest is still sampled at 100 Hz, far above the cut-off of a tracker's filter. C has a smaller
-buffer."""
+"""Largest number of waiting samples. With more, every second sample is left out, except the first few. C has a smaller
+buffer.
+"""
 CURVED = 0.02
-"""[rad] Rotations between samples up to this are interpolated entry by entry, larger ones along the arc; the error of
-the former is an eighth of the angle's square."""
+"""[rad] Rotations between samples up to this are interpolated entry by entry, larger ones along the arc."""
 LONGEST = 1.5
 """Ticks between samples up to which there is no bridge."""
 JUMP, SPIN = 5.0, 30.0
@@ -36,15 +35,17 @@ WINDOW = 12
 
 SAMPLE = Record(pose=12, twist=6, seconds=1, stamp=1)
 """First three rows of the pose [m], twist [m/s, rad/s], time since the sample before [s], stamp in the reference's own
-time [s]."""
+time [s].
+"""
 CLOCK = Record(ahead=1, fraction=1, lag=1, lost=1, newest=1)
-"""Number of samples after the current one (-1 without any), fraction of the way to the next one, [s] time that the
-clock needs to the newest (bridges included), [s] skipped time of the reference since then, and the newest sample's
-stamp."""
+"""Number of samples after the current one (-1 without any); fraction of the way to the next one; [s] time that the
+clock needs to the newest sample (bridges included); [s] skipped time of the reference since then; the newest sample's
+stamp.
+"""
 
 
 class ClockStatement:
-    """A clock's functions of the `window` samples from the current one on, evaluated in Python and in C.
+    """Functions of a clock, of the `window` samples from the current one on, evaluated in Python and in C.
 
     Parameters
     ----------
@@ -65,10 +66,10 @@ class ClockStatement:
         return ca.if_else(share == 0, a.pose, pose), ca.if_else(share == 0, a.twist, twist)
 
     def read_function(self) -> ca.Function:
-        """Samples (20, window), `CLOCK`, [s] ahead of the clock -> pose (16,) and twist."""
+        """Function: samples (20, window), `CLOCK`, [s] ahead of the clock -> pose (16,) and twist."""
         lengths, clock, ahead = ca.SX.sym("seconds", self.window), CLOCK.symbols("clock"), ca.SX.sym("ahead")
         passed, fraction, left, going = ca.SX(0), clock.fraction, ahead, ahead > 0
-        for i in range(self.window - 2):  # generated code looks beyond an array that is asked for more
+        for i in range(self.window - 2):  # generated code would read beyond the array
             length = lengths[i + 1]
             to_next = length * (1 - fraction)
             looked = all_true(going, clock.ahead > i, left > 0)
@@ -111,7 +112,7 @@ class ClockStatement:
 
     @staticmethod
     def behind_function() -> ca.Function:
-        """Current sample and the next (40,), `CLOCK` -> `ReferenceClock.behind`."""
+        """Function: current sample and the next (40,), `CLOCK` -> `ReferenceClock.behind`."""
         samples, clock = ca.SX.sym("samples", SAMPLE.size, 2), CLOCK.symbols("clock")
         here, there = ca.horzsplit(samples[SAMPLE["stamp"], :])
         stamp = ca.if_else(clock.fraction == 0, here, here + clock.fraction * (there - here))
@@ -120,7 +121,7 @@ class ClockStatement:
 
     @staticmethod
     def started_function() -> ca.Function:
-        """Pose (16,), twist, stamp -> the only sample, `CLOCK`."""
+        """Function: pose (16,), twist, stamp -> the only sample, `CLOCK`."""
         pose, twist, stamp, zero = ca.SX.sym("pose", 16), ca.SX.sym("twist", 6), ca.SX.sym("stamp"), ca.SX(0)
         sample = SAMPLE.of(pose=pose[:12], twist=twist, seconds=zero, stamp=stamp)
         clock = CLOCK.of(ahead=zero, fraction=zero, lag=zero, lost=zero, newest=stamp)
@@ -128,11 +129,12 @@ class ClockStatement:
 
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
-        """Newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two more samples (60,), `CLOCK`.
+        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two more samples (60,),
+        `CLOCK`.
 
-        A jump is bridged, and so is any sample with `bridge`: it is as late as a calm motion to it at these speeds
-        takes, with a further sample on the way; without a bridge the last of the two is unused. Skipped time before it
-        is included in its stamp.
+        A jump, or a sample with `bridge`, is bridged: the sample is as late as a calm motion to it at these speeds
+        takes, with a further sample on the way. Without a bridge the last of the two samples is unused. Skipped time
+        before the sample is included in its stamp.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))
@@ -144,7 +146,7 @@ class ClockStatement:
         )
         calm, between = calm_way(newest.pose, entries, seconds, linear_speed=linear_speed, angular_speed=angular_speed)
         both = ca.logic_and(ca.logic_or(bridge, jumps), calm > seconds)
-        # All the way, and steadily: the tracker's own bounds round the corners.
+        # At constant speed: the tracker's own bounds round the corners.
         before = SAMPLE.of(
             pose=newest.pose, twist=ca.if_else(both, between, newest.twist), seconds=newest.seconds, stamp=newest.stamp
         )
@@ -184,7 +186,7 @@ class ReferenceClock:
         """Remove all samples."""
         self._table: Array = np.zeros((4 * self._window, SAMPLE.size))
         self._end = self._at = 0
-        self._paces: list[float] = []  # the most that what follows allows, where it is known
+        self._paces: list[float] = []  # largest pace that later samples allow, if known
         self.fraction = 0.0
         """Fraction of the way to the next sample that the clock has passed."""
         self.lag = 0.0
@@ -213,7 +215,7 @@ class ReferenceClock:
 
     @property
     def window(self) -> Array:
-        """(window, 20) samples from the current one on; rows after the newest have no meaning."""
+        """Samples (window, 20) from the current one on; rows after the newest have no meaning."""
         return self._table[self._at : self._at + self._window]
 
     @property
@@ -229,13 +231,13 @@ class ReferenceClock:
 
     @property
     def stamp(self) -> float:
-        """[s] The clock in the reference's own time, from the first sample on; interpolated on a bridge."""
+        """Clock [s] in the reference's own time, from the first sample on; interpolated on a bridge."""
         at, next_one = self._table[self._at : self._at + 2, SAMPLE["stamp"]].tolist()
         return float(at if self.fraction == 0.0 else at + self.fraction * (next_one - at))
 
     @property
     def behind(self) -> float:
-        """[s] Age of the read sample relative to the arriving one, skipped time included; at least `lag`."""
+        """Age [s] of the read sample relative to the arriving one, skipped time included; at least `lag`."""
         behind = self._behind
         behind.inputs[0][:], behind.inputs[1][:] = self._table[self._at : self._at + 2].reshape(-1), self.now
         behind.evaluate()
@@ -255,11 +257,10 @@ class ReferenceClock:
         bridge: bool = False,
         thinning: bool = True,
     ) -> None:
-        """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, after the time of a
-        calm motion.
+        """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, over a bridge.
 
-        Skipped samples between them are left out: their time counts in `behind` until the clock has passed it.
-        `thinning` limits the number of waiting samples.
+        Samples skipped before it count in `behind` until the clock has passed them. `thinning` limits the waiting
+        samples.
         """
         self._enlarge(2)
         taken, newest = self._taken, self._end - 1
@@ -287,12 +288,12 @@ class ReferenceClock:
             self._end, self._at = self._end - self._at, 0
 
     def go_on(self, samples: int, fraction: float, seconds: float) -> None:
-        """The same, with a step [s] of reference time."""
+        """Move the clock on as `stand`, with a step [s] of reference time."""
         self.stand(samples, fraction, self.lag - seconds)
         self.lag = 0.0 if self.current else self.lag
 
     def preview(self, *, linear_speed: float, angular_speed: float) -> Preview:
-        """The samples from the current one on, for a preview with these largest speeds [m/s, rad/s]."""
+        """Samples from the current one on, for a preview with these largest speeds [m/s, rad/s]."""
         samples = self._table[self._at : self._end]
         poses = np.tile(np.eye(4), (len(samples), 1, 1))
         poses[:, :3] = samples[:, :12].reshape(-1, 3, 4)
@@ -302,7 +303,7 @@ class ReferenceClock:
         )
 
     def left(self, seconds: Array) -> tuple[Array, Array]:
-        """Poses (M, 4, 4), and [s] of the reference's own time, `seconds` (M,) before the newest sample."""
+        """Poses (M, 4, 4), and times [s] in the reference's own time, `seconds` (M,) before the newest sample."""
         samples = self._table[: self._end]
         after = np.append(np.cumsum(samples[:0:-1, SAMPLE["seconds"]])[::-1], 0.0)
         place = np.interp(-seconds, -after, np.arange(self._end))
@@ -318,7 +319,7 @@ class ReferenceClock:
         return poses, here[:, stamp] + share * (there[:, stamp] - here[:, stamp])
 
     def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time after the clock, which does not move."""
+        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time after the clock; the clock does not move."""
         found = self._reading.of(self.window.T, self.now, ahead).reshape(4, 4)
         return found, self._reading.outputs[1].copy()
 
@@ -352,13 +353,12 @@ class ReferenceClock:
             self.lag += seconds
 
     def _enlarge(self, more: int) -> None:
-        """Make room for more samples and a window."""
         end = self._end + more + self._window
         if end > len(self._table):
             self._table = np.concatenate([self._table, np.zeros((end, SAMPLE.size))])
 
     def _thin(self) -> None:
-        """Leave out every second waiting sample; their time is kept."""
+        """Leave out every second waiting sample, but not its time."""
         seconds, first = self._table[:, SAMPLE["seconds"]], self._at + KEPT
         gone = np.arange(first, self._end - 1, 2)
         seconds[gone + 1] += seconds[gone]

@@ -18,11 +18,11 @@ __all__ = ["ScanOption", "Scanning"]
 
 
 HELD = 0.7
-"""Fraction of the threshold below which a press ends; breath pressure wavers."""
+"""Fraction of the threshold below which a press ends, since breath pressure wavers."""
 
 
 class ScanOption(NamedTuple):
-    """One option of the scan."""
+    """An option that lights up in the scan."""
 
     name: str
     mode: StickMode | None
@@ -32,12 +32,11 @@ class ScanOption(NamedTuple):
 
 
 class Scanning(OneThread):
-    """Converts presses on lit options to hand velocities.
+    """Convert presses on lit options to hand velocities.
 
-    Each option is lit for `dwell` seconds. A press holds the option and moves the hand while it lasts; after release
-    the scan continues from there. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch
-    scans both directions in turn. The gripper opens or closes once per press, also with bouncing contacts. An object
-    belongs to one thread: see `OneThread`.
+    Each option is lit for `dwell` seconds. While a press lasts, the option stays lit and the hand moves; after release
+    the scan continues. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch scans both
+    directions in turn. The gripper opens or closes once per press. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ class Scanning(OneThread):
 
     @property
     def lit(self) -> ScanOption:
-        """The option that a press would select now."""
+        """Option that a press would select now."""
         return self.options[self._lit]
 
     def reset(self) -> None:
@@ -87,11 +86,8 @@ class Scanning(OneThread):
         self._give_away()
 
     def step(self, pressure: float) -> StickCommand:
-        """The user's current command. NaN counts as no press; numbers never raise.
-
-        Parameters
-        ----------
-        pressure : 0 to 1 of a switch or a puff, 0 to -1 of a sip.
+        """User's current command from a pressure: 0 to 1 of a switch or a puff, 0 to -1 of a sip; NaN counts as no
+        press.
 
         Raises
         ------

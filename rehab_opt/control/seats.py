@@ -1,4 +1,4 @@
-"""Evaluate hundreds of seats and grips: how much of a hand's path a robot can follow above its manipulability floor."""
+"""Evaluate many seats and grips: how much of a hand's path a robot can follow above its manipulability floor."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Walk:
     Parameters
     ----------
     q : (N, M, n) [rad, m] postures.
-    done : (N, M) whether the posture reaches the pose, above the floor and outside every keep-out; all False if the
+    done : (N, M) whether the posture reaches the pose, above the floor and outside every keep-out. All False if the
         first posture is below the floor or outside the joint limits.
-    above : (N, M) w / w_max.
+    above : (N, M) ratio w / w_max of manipulability to its maximum.
     elbows : (N, M, k, 2) [m] positions of the joints before the wrist, seen from above.
     """
 
@@ -53,12 +53,11 @@ class Walk:
 
 
 class Seats:
-    """Computes how far a robot follows many paths of poses, by kinematics only, without time.
+    """Compute how far a robot follows many paths of poses, by kinematics only, without time.
 
-    Starting at one pose of the path, each next posture comes from damped Gauss-Newton steps towards the next pose
-    within the joint limits, with the shortfall below the floor as a further error. If a pose is out of reach, the walk
-    continues from the nearest posture of the same branch. A joint with more than a full turn starts at the turn that
-    keeps the whole walk within its limits.
+    From one pose of the path, damped Gauss-Newton steps lead to the next pose within the joint limits; a shortfall
+    below the floor is a further error. If a pose is out of reach, the walk continues from the nearest posture of the
+    same branch. A joint with more than a full turn starts at the turn that keeps the whole walk within its limits.
 
     Parameters
     ----------
@@ -89,7 +88,7 @@ class Seats:
     def at(self, q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Tools (M, 3, 4), Jacobians (M, 6, n), w / w_max (M,), its slopes (M, n), heights over planes (M,) [m].
 
-        And positions of the joints before the wrist, seen from above (M, k, 2) [m].
+        The last output holds the joints before the wrist, seen from above (M, k, 2) [m].
         """
         n = self.chain.n
         tool, jacobian, w, slope, height, elbows = np.split(self._at(q), np.cumsum((12, 6 * n, 1, n, 1)), axis=1)

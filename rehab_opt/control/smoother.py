@@ -28,31 +28,30 @@ Array = NDArray[np.float64]
 RETURN_SPEED = 0.1
 """Return speed of an axis outside its position bounds, as a fraction of its velocity bound."""
 HORIZON = 3600.0
-"""[s] Longest duration to a target at full speed; a longer one is a fault. Ruckig's own limit is 7.6e3 s."""
+"""[s] Longest duration to a target at full speed; a longer one is a fault."""
 NOT_RENEWED = "moving target was not renewed in time"
 HEADROOM = 0.99
-"""Largest target velocity that is used, as a fraction of the velocity bound; the rest is a reserve for catching up."""
+"""Largest target velocity, as a fraction of the velocity bound; the rest is a reserve for catching up."""
 NUMBERS = {float, int}
 AT_REST = "target is about to leave the bounds: approached as if at rest"
 
 
 class Smoother(OneThread):
-    """Follows targets with every axis inside its position, velocity, acceleration and jerk bounds.
+    """Follow targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
     Each axis moves as fast as its own bounds allow, unless `straight`. A target outside the position bounds is clipped.
-    A disabled smoother, an invalid target or a stale stamp stops all axes as fast as the bounds allow and holds them;
-    the motion later continues from there without a jump. Each axis stops independently, without a planner. An axis that
-    could stop only beyond its position bound, because it is about to reverse before it, brakes at its largest
-    deceleration until it can stop inside. No bound yields in this. Only if `reset` sets an axis too fast before a
-    position bound, that bound yields and is flagged. An object belongs to one thread: see `OneThread`.
+    If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. The
+    motion later continues from there without a jump. An axis whose stop would leave its position bound brakes until it
+    can stop inside. Only if `reset` sets an axis too fast before a position bound, that bound is relaxed and flagged.
+    An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
-    velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite;
-        a scalar stands for all.
+    velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
+        scalar applies to all axes.
     dt : tick [s].
     lower, upper : (n,) position bounds [u]; None or infinite for none; equal ones lock the axis.
-    axes : n, needed where every bound is a scalar; default 1.
+    axes : n, needed if every bound is a scalar; default 1.
     recovery_speed : return speed of an axis that was reset outside its bounds, as a fraction of `velocity`.
     max_age : of the targets, see `Watchdog`.
     straight : whether axes that start at rest move on the straight line to the target, as fast as the slowest allows.
@@ -125,12 +124,9 @@ class Smoother(OneThread):
         return self._started().arrived
 
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Start here with zero acceleration.
+        """Start at `position` (n,) [u] with `velocity` (n,) [u/s], by default at rest, and zero acceleration.
 
-        Parameters
-        ----------
-        position : (n,) [u]. An axis outside its bounds returns at `recovery_speed`.
-        velocity : (n,) [u/s], default at rest.
+        An axis outside its bounds returns at `recovery_speed`.
 
         Raises
         ------
@@ -165,18 +161,17 @@ class Smoother(OneThread):
         target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. A target that is not
             updated moves on for `max_age`; then the axes come to rest.
         enable : dead man's switch; anything but True brings the axes to rest.
-        stamp : time of the target [s, any origin]. After the first stamp, a missing one brings the axes to rest.
+        stamp : [s, any origin] time of the target. After the first stamp, a missing stamp brings the axes to rest.
 
         Returns
         -------
-        Command : `value` is the position (n,) [u]. `residual` is the largest excess of its finite differences over the
-            velocity, acceleration and jerk bounds, as a fraction of them and without rounding, and of the position over
-            its bounds [u]; infinite while braking or holding.
+        Command : `value` is the position (n,) [u]. `residual` is the largest relative excess of its finite differences
+            over the velocity, acceleration and jerk bounds, and of the position over its bounds [u]; infinite while
+            braking or holding.
 
         Raises
         ------
-        ConfigurationError : there was no `reset` yet; numbers never raise. SharingError : a second thread, see
-            `OneThread`.
+        ConfigurationError : there was no `reset` yet. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -209,10 +204,10 @@ class Smoother(OneThread):
         return Command(value, Status.OK, "ruckig", residual, -1, "", Relaxed.NOTHING, 1.0)
 
     def lag(self, speed: ArrayLike) -> Array:
-        """(n,) time lag [s] of the output behind a target at constant `speed` (n,) [u/s].
+        """Time lag (n,) [s] of the output behind a target at constant `speed` (n,) [u/s].
 
-        Every tick plans to rest at the target, so the output stays behind by its stopping distance: (v/a + a/j)/2
-        seconds, or sqrt(v/j) where v < a^2/j. With `target_velocity` there is none.
+        Every tick plans to rest at the target, so the output lags by its stopping distance: (v/a + a/j)/2 seconds, or
+        sqrt(v/j) for v < a^2/j, with velocity v, acceleration a and jerk j. With `target_velocity` there is no lag.
         """
         speeds = np.minimum(np.abs(per_joint("speed", speed, self._n)), self._bounds.velocity)
         limits = zip(speeds.tolist(), self._bounds.acceleration, self._bounds.jerk, strict=True)
@@ -220,7 +215,7 @@ class Smoother(OneThread):
 
     # ---------------------------------------------------------------------------------------------- the target
     def _aim(self, target: ArrayLike, target_velocity: ArrayLike | None) -> str:
-        """Plan to a new target; returns the reason if it cannot be followed, or an empty text."""
+        """Plan to a new target; return the reason if it cannot be followed, or an empty text."""
         profiles = self._profiles
         request = _copied(target), _copied(target_velocity)
         if request == self._request and not (profiles.stopping or self._returning):
@@ -264,7 +259,7 @@ class Smoother(OneThread):
 
 
 def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -> str:
-    """Clip goal and speed to the bounds; returns a note on changes."""
+    """Clip goal and speed to the bounds; return a note on changes."""
     note = ""
     for i, (low, high, fastest, _, _) in enumerate(zip(*profiles.bounds, strict=True)):
         if not low <= goal[i] <= high:
@@ -281,7 +276,7 @@ def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -
 
 
 def _copied(value: ArrayLike | None) -> object:
-    """Copy of a target for comparison with the next one, because the caller may overwrite its arrays."""
+    """Copy of a target for comparison with the next one, since the caller may overwrite its arrays."""
     if value is None:
         return None
     if isinstance(value, (list, tuple)) and NUMBERS.issuperset(map(type, value)):

@@ -35,11 +35,11 @@ class SmoothPath(NamedTuple):
     phase: Array
     """(M,) [s] time on the path at each tick; it never decreases, nor runs faster than the ticks."""
     deviation: Array
-    """(n,) [u] largest distance from the path at that time."""
+    """(n,) [u] largest distance from the path at `phase`."""
 
     @property
     def delay(self) -> float:
-        """[s] delay of the last point relative to the path."""
+        """Delay [s] of the last point relative to the path."""
         return float(self.times[-1] - self.phase[-1])
 
 
@@ -57,22 +57,21 @@ def smooth_path(
 ) -> SmoothPath:
     """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
 
-    All axes wait for one another, so that coupled quantities (hand position, handle tilt) are preserved; a `Smoother`,
-    for targets with unknown future, does not do this. Shape-preserving cubics interpolate the path and stay within the
-    range of its points. A spline rounds its corners within `tolerance`, and `ruckig_timing` times the progress along
-    it, at most at the recorded speed. `measured_path` first replaces held and rounded samples, the latter by up to
-    three quarters of a rounding step.
+    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved; a `Smoother` does
+    not preserve them. Shape-preserving cubics interpolate the path, a spline rounds its corners within `tolerance`, and
+    `ruckig_timing` times the progress, at most at the recorded speed. `measured_path` first replaces held and rounded
+    samples.
 
     Parameters
     ----------
     times : (N,) [s], increasing.
     points : (N, n) [u]; points outside the position bounds are clipped.
     velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
-        scalar stands for all.
+        scalar applies to all axes.
     lower, upper : (n,) position bounds [u]; None or infinite for none.
     dt : tick [s].
-    tolerance : [u] largest deviation of an axis from the path. Below the recording's noise, or the jitter of its
-        stamps times the speed, the drive follows these, too, and the path takes several times as long.
+    tolerance : [u] largest deviation of an axis from the path. If it is below the recording's noise, the drive follows
+        the noise, and the path takes several times as long.
 
     Raises
     ------
@@ -85,7 +84,7 @@ def smooth_path(
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
-    begun, (t, x, _) = t[0], measured_path(t - t[0], x)  # seconds since 1970 have no digits left for a third difference
+    begun, (t, x, _) = t[0], measured_path(t - t[0], x)  # seconds since 1970 leave no digits for a third difference
     dt = checked_number("dt", dt, above=SHORTEST_TICK, below=1e6)
     tolerance, n = checked_number("tolerance", tolerance, above=0.0), x.shape[1]
     bounds = axis_bounds(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=n)
@@ -110,7 +109,7 @@ def smooth_path(
 def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt: float, tolerance: float) -> Any:
     """Uniform cubic B-spline of the path's axes and time, within `tolerance` of the path and within its range.
 
-    Its control points are on the path, denser in bends and fast parts; their spacing changes gradually.
+    The control points are on the path, denser in bends and fast parts; their spacing changes gradually.
     """
     from scipy.interpolate import BSpline  # noqa: PLC0415  (loaded when used)
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415
@@ -120,7 +119,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
     speed = (np.abs(np.diff(path(t), axis=0)) / (velocity * length[:, None])).max(axis=1)
     parts = np.ceil(length / longest).astype(int)
     edges = np.interp(np.arange(parts.sum() + 1), np.append(0, np.cumsum(parts)), t)
-    apart = np.repeat(longest / np.maximum(speed, 1.0), parts)  # of the control points, between two edges
+    apart = np.repeat(longest / np.maximum(speed, 1.0), parts)  # control points between two edges
     while True:
         size = np.minimum(np.append(apart, math.inf), np.append(math.inf, apart))
         size = np.minimum.accumulate(size - GRADE * edges) + GRADE * edges
@@ -134,7 +133,7 @@ def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt
         points = np.vstack([2.0 * points[0] - points[1], points, 2.0 * points[-1] - points[-2]])
         spline = BSpline(np.arange(-3.0, len(points) + 1.0), points, 3)
         at = np.arange(0.0, len(points) - 2.75, 0.25)
-        moved = spline(np.append(at, np.interp(t, spline(at)[:, -1], at)))  # where the path has its knots, too
+        moved = spline(np.append(at, np.interp(t, spline(at)[:, -1], at)))  # also at the path's knots
         phase = np.clip(moved[:, -1], t[0], t[-1])
         off = np.abs(moved[:, :-1] - path(phase)).max(axis=1) / (NEAR * tolerance)
         if off.max() <= 1.0:

@@ -1,7 +1,7 @@
 """Velocity interval of each joint in this tick, and braking of the whole robot together.
 
-Bounds yield in a fixed order, joint by joint, in closed form, so that the QP's box is never empty. Velocity never
-yields; then no joint moves further outside its limit; then acceleration; then the task.
+The bounds have a fixed order of precedence, so the QP's box is never empty: the velocity limit always holds; then no
+joint moves further outside its limit; then acceleration; then the task.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ FAR = 1e9
 """Value that replaces an infinite limit."""
 
 GENTLE, APPROACH = 0.7, 30.0
-"""Fraction of the acceleration limit for braking before a limit, and final rate [1/s] of the approach to it, because a
-servo overshoots after a hard deceleration."""
+"""Fraction of the acceleration limit for braking before a limit, and final rate [1/s] of the approach to the limit,
+since a servo overshoots after a hard deceleration.
+"""
 
 
 class VelocityBounds(NamedTuple):
@@ -74,34 +75,33 @@ def velocity_bounds(
 ) -> VelocityBounds:
     """Intervals of the joint velocities that are held until the next tick.
 
+    From every state that can still stop, all bounds hold together and the next state can stop again, at any dt. Other
+    states brake at the largest deceleration.
+
     Parameters
     ----------
-    chain : its position, velocity and acceleration limits.
     q : (n,) current joint positions.
     last : (n,) joint velocities commanded in the last tick.
     dt : tick [s].
     recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
     approach : [1/s] see `gentle_speed`; infinite for joints that move as commanded.
-
-    From every state that can still stop, all bounds hold together and the next state can stop again, exactly and at any
-    dt (by recursion over ticks, not continuous time). Other states brake at the largest deceleration.
     """
     speed = ca.DM(chain.velocity)
     change = max_change(chain, dt)
-    # Infinite limits become ones that are never felt.
+    # Infinite limits become finite ones that never matter.
     room_up = ca.DM(np.clip(chain.upper, -FAR, FAR)) - q
     room_down = q - ca.DM(np.clip(chain.lower, -FAR, FAR))
     above, below = room_up < -OUTSIDE, room_down < -OUTSIDE
     back, rate = recovery_speed * speed, min(1 / dt, approach)
 
-    # Hard: speed, and in this tick not beyond the limit, or when beyond it not further and not faster back than `back`.
+    # Hard: speed, and in this tick not beyond the limit; outside it not further out and not faster back than `back`.
     hard_upper = clipped(room_up * (1 / dt), 0, ca.if_else(below, back, speed))
     hard_lower = -clipped(room_down * (1 / dt), 0, ca.if_else(above, back, speed))
-    # Then acceleration, as far as the hard interval leaves it.
+    # Then acceleration, as far as the hard interval allows it.
     brake_lower = clipped(last - change, hard_lower, hard_upper)
     brake_upper = clipped(last + change, hard_lower, hard_upper)
-    # Then a speed from which the joint still stops at its limit, or the way back, at the end of which it can stop too:
-    # of a joint's two speeds one is zero.
+    # Then a speed from which the joint still stops at its limit, or the return, at whose end it can stop, too:
+    # one of a joint's two speeds is zero.
     can_stop_up, can_stop_down = (
         ca.fmin(stopping_speed(room, change, dt), gentle_speed(room, change / dt, approach))
         for room in (room_up, room_down)
@@ -122,18 +122,15 @@ def velocity_bounds(
 
 
 def max_change(chain: SerialChain, dt: float) -> ca.DM:
-    """(n,) largest change of each joint's velocity in a tick of dt [s] by its acceleration limit.
-
-    It is at most 2 v_max, which no other change exceeds, so that infinite accelerations become finite.
-    """
+    """(n,) largest change of each joint's velocity in a tick of dt [s] by its acceleration limit, at most 2 v_max."""
     return ca.DM(np.minimum(chain.acceleration * dt, 2 * chain.velocity))
 
 
 def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
-    A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all
-    dt ((k + 1) v - change k (k + 1)/2). This function inverts that piecewise linear relation. Zero without room.
+    A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all dt ((k
+    + 1) v - change k (k + 1)/2). This function inverts that piecewise linear relation. Zero without room.
     """
     room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
@@ -143,8 +140,8 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
 def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
     """Largest speed towards a limit at which a delayed servo does not overshoot the limit.
 
-    Near the limit it is `approach` times the room, so that braking fades out. Further away, where this would need more
-    than `GENTLE` of the acceleration, it is the parabola of that deceleration, with a smooth transition.
+    Near the limit it is `approach` times the room, so that braking fades out. Further away it is the parabola of the
+    deceleration `GENTLE`, with a smooth transition.
     """
     if approach == math.inf:
         return ca.SX.inf(room.shape)
@@ -156,23 +153,22 @@ def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
 SLACK = 1.1
 """Factor of T over the stopping time, as a reserve of acceleration for changes of the task and limits."""
 FARTHEST = 0.2
-"""[rad, m] Largest motion of the stop posture in a tick, because limits are tangents there."""
+"""[rad, m] Largest motion of the stop posture in a tick, since limits are tangents there."""
 LATER = 0.3
-"""[s] A velocity off the command decays to zero within this time plus T / 1.1; curvature of the path takes the rest of
-the guaranteed 1 s."""
+"""[s] A velocity off the command decays to zero within this time plus T / 1.1."""
 
 
 class BrakingTogether:
     """Braking of all joints together: every velocity shrinks by the same fraction per tick.
 
     With T the time in which every joint can stop from its largest speed, and u the velocities of all joints, braking is
-    u <- (1 - dt/T) u. The posture where that ends is the stop posture
+    u <- (1 - dt/T) u. It ends at the stop posture
 
         z = q + T u.
 
     Braking does not move z: after a tick q + dt u + T (1 - dt/T) u = z. A controller that satisfies its limits at z and
-    on the way from q to z can therefore always brake without violating them, within every joint's acceleration, since
-    |u| dt/T <= v dt/T <= a dt. A change of u moves z by T times as much, which is all that a limit must consider.
+    on the way from q to z can therefore always brake without violating them. Every joint stays within its acceleration,
+    since |u| dt/T <= v dt/T <= a dt. A change of u moves z by T times as much.
 
     Parameters
     ----------
@@ -200,9 +196,8 @@ class BrakingTogether:
         return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Largest remaining fraction of a velocity that must vanish within T / 1.1 + `LATER`.
-
-        `slower` alone never ends.
+        """Largest remaining fraction of a velocity that must vanish within T / 1.1 + `LATER`; `slower` alone never
+        ends.
         """
         return ca.fmin(self._left, 1 - self._part * _taken_away(velocity, self.change))
 

@@ -1,6 +1,6 @@
-"""Objects with state that belong to one thread, so that no other thread changes it during a tick.
+"""Objects with state that belong to one thread, so that no other thread changes them during a tick.
 
-Their settings cannot change later, because a tick's functions are made from them.
+Their settings are fixed at construction, since a tick's functions are made from them.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ class OneThread:
 
     The thread of the first `step` becomes the owner; until then any thread may set up the object. While the owner
     lives, `step`, `reset` or a change of a setting by another thread raises `SharingError`. `reset` by the owner
-    releases the object to the next thread that steps it; a thread that has ended owns nothing. Copies and pickles would
-    share or lose the state and are refused: make another object with the same arguments. Fields, maps, workspaces,
-    chains and robots are immutable and can be shared by any controllers and threads.
+    releases the object to the next thread that steps it; a thread that has ended owns nothing. Copies and pickles are
+    refused: make another object with the same arguments. Fields, maps, workspaces, chains and robots are immutable and
+    can be shared.
 
-    A method that ticks starts with `if self._owner != get_ident(): self._claim()` (40 ns); one that only changes a
-    setting calls `_refuse_others`.
+    A method that ticks starts with `if self._owner != get_ident(): self._claim()`; a method that only changes a setting
+    calls `_refuse_others`.
     """
 
     _owner = 0
 
     def _claim(self) -> None:
-        threading.current_thread()  # lists a thread that Python did not start, as `_refuse_others` wants it
+        threading.current_thread()  # registers a thread that Python did not start, for `_refuse_others`
         with _CLAIMING:
             self._refuse_others()
             self._owner = get_ident()
@@ -60,12 +60,12 @@ class OneThread:
 
 
 def setting() -> Any:
-    """A class attribute that `__init__` sets once; later changes would have no effect and raise an error."""
+    """Class attribute that `__init__` sets once; a later change raises an error."""
     return _Setting()
 
 
 class _Setting:
-    """Stored in the object's own attributes and read from there."""
+    """Descriptor that stores its value in the object's own attributes."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name

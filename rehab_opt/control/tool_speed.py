@@ -1,4 +1,4 @@
-"""Speed of the tool at constant joint velocities: p(t) = p(q + q' t).
+"""Speed of the tool at constant joint velocities: p(t) = p(q + q' t) with the tool's position p.
 
 p' changes with the joints, so it may be larger at either end of a tick. A curve deviates from its chord by at most
 dt^2/8 times its largest second derivative. So within a tick
@@ -21,7 +21,7 @@ __all__ = ["tool_jerk"]
 
 
 def tool_jerk(chain: SerialChain, q: ca.SX, velocity: ca.SX, dt: float) -> ca.SX:
-    """[m/s^3] upper bound of |p'''| during dt [s] from q (n,) at joint velocities (n,)."""
+    """Upper bound [m/s^3] of |p'''| during dt [s] from q (n,) at joint velocities (n,)."""
     bound, turning = ca.SX(0), ca.SX(0)
     for i, row in enumerate(chain.rows):
         speed = ca.fabs(velocity[i])

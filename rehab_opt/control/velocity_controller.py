@@ -1,4 +1,4 @@
-"""The parts of a controller around a velocity QP: parameters, solve, certificate, fallbacks, and Command."""
+"""Base of a controller around a velocity QP: parameters, solve, certificate, fallbacks, and Command."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ __all__ = ["VelocityController", "checked_number", "real_numbers"]
 
 Array = NDArray[np.float64]
 MISSED = 1e-3
-"""Fraction of the reference motion; a larger difference to the delivered motion counts as a relaxed task."""
+"""Relative difference between reference and delivered motion above which the task counts as relaxed."""
 ROUNDED = 1e-6
 """Tolerance of a zero bound, for rounding."""
 STILL = 1e-6
 """[m/s] Slower motions count as none."""
 
-# Bound once: each look-up of an attribute in the hot path would cost a hundredth of the tick.
+# Bound once: each attribute look-up in the hot path costs a hundredth of the tick.
 _OK, _NAN, _new, _read_only, _JUDGED = Status.OK, math.nan, tuple.__new__, np.frombuffer, GIVEN["judged"]
-# Looked up, since making an IntFlag costs half a microsecond; by the numbers of a verdict as they come.
+# A table, since making an IntFlag costs half a microsecond; keys are the numbers of a verdict.
 _BOUNDS, _SOLVERS = (
     {float(i): Relaxed(i) for i in range(8)},
     {float(i): name for i, name in enumerate(VELOCITY_SOLVERS)} | {-1.0: ""},
@@ -64,16 +64,15 @@ _BOUNDS, _SOLVERS = (
 
 
 class VelocityController(OneThread, ABC):
-    """A controller whose command is a joint velocity held until the next tick.
+    """Controller whose command is a joint velocity held until the next tick.
 
-    A subclass defines its QP. Its first parameter is q (n,), its first variables are the joint velocities (n,), and its
-    memory begins with the last velocity and the position after it (2 n,): `remember` gives both. Its `step` writes the
-    inputs into `_views`, or through `_write`, and calls `_tick`. The command is `memory[command_slice]`, by default the
-    last velocity; `memory[wheels]` are wheel speeds.
+    A subclass defines its QP. The QP's first parameter is q (n,), its first variables are the joint velocities (n,).
+    Its memory begins with the last velocity and the position after it (2 n,), the result of `remember`. The subclass's
+    `step` writes the inputs into `_views`, or through `_write`, and calls `_tick`. The command is
+    `memory[command_slice]`, by default the last velocity; `memory[wheels]` are wheel speeds.
 
-    The last commanded velocity is part of the state: a new controller is at rest, unless `reset` sets a velocity.
-
-    It acts on the joints' commanded positions; measurements supervise them, see `FrontEnd`.
+    A new controller is at rest, unless `reset` sets a velocity. It acts on the joints' commanded positions;
+    measurements supervise them, see `FrontEnd`.
     """
 
     chain: SerialChain = setting()
@@ -104,7 +103,7 @@ class VelocityController(OneThread, ABC):
         self.led = FrontEnd(chain, dt=self.dt, max_age=self.max_age, base=self.base) if self.watched else None
         """Commanded positions of the joints."""
         parts = dict(vars(self))
-        self._code = [each for kind in type(self).__mro__ for each in vars(kind).values()]  # classes may be changed
+        self._code = [each for kind in type(self).__mro__ for each in vars(kind).values()]  # classes may change
 
         def made() -> dict[str, Any]:
             self.functions = self._functions()
@@ -131,7 +130,7 @@ class VelocityController(OneThread, ABC):
         self._inputs = tuple(part.reshape(shape) for part, shape in zip(others, self.shapes, strict=True))
         self._views: tuple[memoryview[Any], ...] = tuple(part.data for part in (first, *others))
         self._names = tuple(symbol[0].name().rsplit("_", 1)[0] for symbol in self.stated.parameters)
-        # Views of views: reading and assigning through them costs half of numpy's.
+        # Memory views: twice as fast as numpy's indexing.
         views = (cast("memoryview[float]", each.data) for each in (everything, after, given, told))
         self._keep, self._answer, self._given, self._told = views
         self._verdict, self._head = solvers.verdict, self._told[: REPORT["unusual"] + 1]
@@ -161,7 +160,7 @@ class VelocityController(OneThread, ABC):
     base: ClassVar[int] = 0
     """Number of first joints that are the position of a base, see `FrontEnd`."""
     watched: ClassVar[bool] = True
-    """Whether there is a `FrontEnd`; not for joints that are exactly at their commanded positions."""
+    """Whether there is a `FrontEnd`; False for joints that are exactly at their commanded positions."""
 
     @property
     def judged(self) -> Record:
@@ -169,7 +168,7 @@ class VelocityController(OneThread, ABC):
         return judged_memory(self.chain.n, self.led.size if self.led else 0)
 
     functions: VelocityTick
-    """The functions of a tick, built once for all controllers with equal parts."""
+    """Functions of a tick, built once for all controllers with equal parts."""
 
     def _functions(self) -> VelocityTick:
         stated, n = self.stated, self.chain.n
@@ -184,16 +183,16 @@ class VelocityController(OneThread, ABC):
 
     @abstractmethod
     def statement(self) -> Statement:
-        """The QP of one tick."""
+        """QP of one tick."""
 
     @property
     def farthest(self) -> float:
-        """[m] distance from the base above which a pose is an error: ten times the arm's reach."""
+        """Distance [m] from the base above which a pose is an error: ten times the arm's reach."""
         return farthest(self.chain)
 
     @cached_property
     def stated(self) -> Statement:
-        """The QP of one tick, built once; it gives no answer for impossible inputs."""
+        """QP of one tick, built once; it gives no answer for impossible inputs."""
         wrong = implausible(self.chain, (stated := self.statement()).parameters, stated.parameters, self.twist_rows)
         return replace(stated, requires=[*stated.requires, ca.sum1(wrong) == 0])
 
@@ -223,7 +222,7 @@ class VelocityController(OneThread, ABC):
         return ca.Function("hurried", [last, velocity], [faster])
 
     def remember(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """The velocity, and the position after the tick."""
+        """Velocity, and position after the tick."""
         return ca.vertcat(velocity, q + velocity * self.dt)
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
@@ -232,14 +231,14 @@ class VelocityController(OneThread, ABC):
 
     @abstractmethod
     def braking(self) -> ca.Function:
-        """q, memory -> memory after the fallback command, and its report."""
+        """Function: q, memory -> memory after the fallback command, and its report."""
 
     def fallback_law(self) -> ca.Function | None:
         """Function for when every solver failed: parameters, memory -> report, memory, violation; or None."""
         return None
 
     def beginning(self) -> ca.Function:
-        """Current velocity (n,) -> state without other history; whether the joints may be that fast.
+        """Function: current velocity (n,) -> state without other history; whether the joints may be that fast.
 
         Until a position is measured, the middle of a joint's range is assumed.
         """
@@ -253,10 +252,10 @@ class VelocityController(OneThread, ABC):
         return ca.Function("begin", [velocity], [ca.densify(known), possible])
 
     def stopping(self) -> ca.Function:
-        """Parameters, state -> state after a tick of the fallback command; relaxed bounds and whether it moves; q (n,).
+        """Function: parameters, state -> state after the fallback command; relaxed bounds, whether it moves; q (n,).
 
-        The last valid position replaces an invalid one. `braking` also needs the last parameters; those with an invalid
-        number are left out. The warm start is discarded.
+        The last valid position replaces an invalid one, and the warm start is discarded. `braking` gets the last
+        parameters with valid numbers, too.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)
@@ -268,14 +267,15 @@ class VelocityController(OneThread, ABC):
             valid = ca.sum1(ca.fabs(around) <= MAX_MAGNITUDE) == around.numel()
             given.append(ca.if_else(valid, around, 0))
         kept, report = brake.call(given)
-        after = ca.vertcat(kept, memory[kept.numel() :])  # what else a subclass remembers is its own to forget
+        after = ca.vertcat(kept, memory[kept.numel() :])  # a subclass clears the rest of its memory
         start = ca.vertcat(kept[:n], ca.MX.zeros(state.numel() - memory.numel() - n))
         moves = ca.sum1(after[slice(n) if self.command_slice is None else self.command_slice] != 0) > 0
         said = ca.vertcat(report[0], moves)
         return ca.Function("stopping", [p, state], [ca.vertcat(start, after), said, q])
 
     def faulty(self) -> ca.Function:
-        """Parameters, whether they are valid -> number of the reason for no certified answer, its input and element.
+        """Function: parameters, whether they are valid -> number of the reason for no certified answer, its input and
+        element.
 
         Input and element, both counted from 0, are those of the first invalid number, else -1.
         """
@@ -293,14 +293,14 @@ class VelocityController(OneThread, ABC):
 
     # -------------------------------------------------------------------------------------------------- the user's
     def reset(self, velocity: ArrayLike | None = None) -> None:
-        """Reset the state, also that of the solvers; `velocity` (n,) is the joints' current one, by default rest."""
+        """Reset the state and the solvers; `velocity` (n,) is the joints' current velocity, by default rest."""
         n = self.chain.n
         speed = np.zeros(n) if velocity is None else per_joint("velocity", velocity, n, finite=True)
         if not self._began(speed):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
 
     def _began(self, *given: ArrayLike) -> bool:
-        """Whether a state can begin like this, see `beginning`; if so, it becomes the current state."""
+        """Begin with a state if it is possible, see `beginning`; return whether it is."""
         self._refuse_others()
         state = self._begin_anew.of(*given)
         if not self._begin_anew.outputs[1][0]:
@@ -312,11 +312,11 @@ class VelocityController(OneThread, ABC):
         return True
 
     def instance(self, q: ArrayLike, *inputs: ArrayLike) -> Instance:
-        """The QP that `step` would solve now, as numbers, for inspection."""
+        """QP that `step` would solve now, as numbers, for inspection."""
         return self.stated.instance(q, *inputs, memory=self._solvers.memory.copy())
 
     def to_qpsolvers(self, q: ArrayLike, *inputs: ArrayLike) -> qpsolvers.Problem:
-        """The QP that `step` would solve now, as a `qpsolvers.Problem`."""
+        """QP that `step` would solve now, as a `qpsolvers.Problem`."""
         from rehab_opt.optim.backends import to_qpsolvers  # noqa: PLC0415  (solvers load when used)
 
         return to_qpsolvers(self.instance(q, *inputs))
@@ -330,12 +330,11 @@ class VelocityController(OneThread, ABC):
         self._usual = enable is True and stamp is None
 
     def _tick(self, enable: object, stamp: float | None) -> Command:
-        """One step with the current parameters."""
         if enable is not True or stamp is not None or not self._usual:
             self._set_enable(enable, stamp)
         if not self._inside:
             return self._otherwise(LEFT_TO_OTHERS)
-        self._told[0] = self._verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs as they are
+        self._told[0] = self._verdict[0] = _NAN  # see `FallbackChain`: a failure inside leaves the outputs unchanged
         self._function.evaluate()
         left, residual, who, relaxed, scale, unusual = self._head.tolist()
         if left:  # NaN, too
@@ -348,7 +347,7 @@ class VelocityController(OneThread, ABC):
         return _new(Command, (value, _OK, _SOLVERS[who], residual, -1, "", _BOUNDS[relaxed], scale, wheels))
 
     def _judged(self) -> str:
-        """Check the state once in a tick; returns the reason why it is invalid, or nothing."""
+        """Check the state once in a tick; return the reason why it is invalid, or nothing."""
         self._judge.inputs[0][:] = self._q
         self._judge.evaluate()
         self._q[:], self._solvers.memory[:], self._judge.inputs[2][:] = self._judge.outputs
@@ -357,7 +356,7 @@ class VelocityController(OneThread, ABC):
         return self._words(own["reason"][0], -1, own["element"][0], own["details"].tolist())
 
     def _otherwise(self, left: float) -> Command:
-        """The tick with other solvers, or the fallback command."""
+        """Run the tick with other solvers, or return the fallback command."""
         solver, solvers = "", self._solvers
         if left != NOTHING_TO_SOLVE and not self._judged():
             solver = solvers.solve_with_fallback() if self._inside else solvers()
@@ -371,21 +370,21 @@ class VelocityController(OneThread, ABC):
         return command._replace(solver=solver, iterations=solvers.iterations)
 
     def _finished(self) -> Command:
-        """The result of `VelocityTick.finish` for the current answer and verdict."""
+        """Result of `VelocityTick.finish` for the current answer and verdict."""
         self._finish.evaluate()
         after, told, _ = self._finish.outputs
         self._solvers.everything[:] = after
         return self._as_told(told.data)
 
     def _safe(self, reason: str) -> Command:
-        """The fallback command at a checked state, or without measurements; the caller may give a reason."""
+        """Fallback command at a checked state, or without measurements; the caller may pass a reason."""
         judged, self._given[_JUDGED], self._own["reason"][:] = self._given[_JUDGED], 1.0, bool(reason)
         command = self._finished()
         self._given[_JUDGED], self._own["reason"][:] = judged, 0.0
         return command._replace(reason=reason) if reason else command
 
     def _as_told(self, told: memoryview[Any]) -> Command:
-        """The command that a `REPORT` describes."""
+        """Command that a `REPORT` describes."""
         _, residual, who, relaxed, scale, _, status, reason, where, element, *details, note = told.tolist()
         name, words = _SOLVERS[who], self._words(reason, where, element, details)
         if who == len(FUSED_SOLVERS):

@@ -1,7 +1,7 @@
 """One tick of a velocity QP as functions of (parameters, memory, given) -> (memory, command).
 
 The state is checked, and the QP is solved if the state is valid; a certified answer becomes the command. Without one,
-the caller tries another solver or a cold start, and `finish` gives the command. C code is generated from these
+the caller tries another solver or a cold start, and `finish` gives the command. C code is generated from the same
 functions.
 """
 
@@ -38,9 +38,10 @@ REPORT = Record(
     left=1, residual=1, solver=1, relaxed=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
     note=1,
 )  # fmt: skip
-"""The remaining work for a command; its residual, solver, relaxed bounds and fraction of the task; and a flag that is
-zero for a plain OK. The rest is needed otherwise: the status (index in `NUMBERED`), the number of the reason, the input
-and element it is about (-1 for none), its details, and the sum of the notes."""
+"""Remaining work for a command; its residual, solver, relaxed bounds and fraction of the task; a flag that is zero for
+a plain OK. The rest matters only if the flag is set: status (index in `NUMBERED`), number of the reason, the input and
+element that the reason is about (-1 for none), its details, and the sum of the notes.
+"""
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
 """Remaining work: none; an answer by another solver, or by a cold start; the fallback command."""
 
@@ -49,7 +50,7 @@ _Branch = Callable[..., list[Any]]
 
 
 class VelocityTick(NamedTuple):
-    """The functions of a tick; a state is that of `fused`, followed by a `judged_memory`."""
+    """Functions of a tick; a state is that of `fused`, followed by a `judged_memory`."""
 
     judge: ca.Function
     """See `judged_state`."""
@@ -58,15 +59,15 @@ class VelocityTick(NamedTuple):
     finish: ca.Function
     """Parameters, state, `GIVEN`, the QP's answer (a state of `fused`) and verdict -> state, `REPORT`, positions (n,).
 
-    The command is the answer if it is certified, else the result of `law` if there is one, else the fallback
-    command."""
+    The command is the answer if it is certified, else the result of `law` if there is one, else the fallback command.
+    """
 
 
 def velocity_tick(
     stated: Statement, judge: ca.Function, record: Record, *, stop: ca.Function, faulty: ca.Function,
     law: ca.Function | None, hurried: ca.Function, tolerance: float, named: bool = False,
 ) -> VelocityTick:  # fmt: skip
-    """The functions of a controller.
+    """Functions of a controller.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def velocity_tick(
 
     q, memory, own = judge(p[:n], everything[begin:size], everything[size:], given)
     state, parameters = everything[:size], p
-    if own.numel() > record["before"]:  # joints are led: that is put in place of what was measured
+    if own.numel() > record["before"]:  # commanded positions replace the measured ones
         state, parameters = ca.vertcat(everything[:begin], memory), ca.vertcat(q, p[n:])
 
     solve = fused(stated)
@@ -126,7 +127,7 @@ def velocity_tick(
 
 
 def _either(condition: ca.MX, this: _Branch, that: _Branch, *given: ca.MX) -> list[ca.MX]:
-    """The result of one of two functions; only that one is evaluated."""
+    """Result of one of two functions; only that one is evaluated."""
     first, second = _function("this", this, *given), _function("that", that, *given)
     return list(ca.Function.if_else("either", first, second)(condition, *given))
 
@@ -142,7 +143,7 @@ def _columns(*sizes: int) -> list[ca.SX]:
 
 
 def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Function) -> ca.SX:
-    """The same number, plus accelerations for joints that restarted at rest, see `judged_state`."""
+    """`relaxed`, plus accelerations for joints that restarted at rest, see `judged_state`."""
     if not own.before.numel():
         return relaxed
     there = below(relaxed, 2 * int(Relaxed.ACCELERATION)) >= int(Relaxed.ACCELERATION)
@@ -153,7 +154,9 @@ def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Func
 def _certified(
     record: Record, n: int, size: int, hurried: ca.Function, tolerance: float, *, named: bool
 ) -> ca.Function:
-    """`judged_memory`, velocity (n,), verdict (size,) -> `REPORT`; `left` is `DONE` if the answer is certified."""
+    """Function: `judged_memory`, velocity (n,), verdict (size,) -> `REPORT`; `left` is `DONE` if the answer is
+    certified.
+    """
     column, last, verdict = inputs = _columns(record.size, n, size)
     own, (residual, valid, who, relaxed, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
     meant, blocked = own.reason == 0, scale == 0
@@ -171,7 +174,7 @@ def _certified(
 
 
 def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty: ca.Function) -> ca.Function:
-    """The same, parameters, status, residual, solver, relaxed and scale -> `REPORT` without a certified answer."""
+    """Function for a tick without certified answer: inputs of `_certified`, parameters, fallback values -> `REPORT`."""
     column, last, verdict, p, said = inputs = _columns(record.size, n, size, faulty.numel_in(0), 5)
     own, (status, residual, solver, relaxed, scale) = record.parts(column), ca.vertsplit(said)
     refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]
@@ -187,5 +190,5 @@ def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty
 
 
 def below(relaxed: ca.SX, part: int) -> ca.SX:
-    """The part of a `Relaxed` number below one of its flags."""
+    """Part of a `Relaxed` number below one of its flags."""
     return relaxed - part * ca.floor(relaxed / part)

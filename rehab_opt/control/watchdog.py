@@ -23,12 +23,13 @@ __all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_
 DRIFT = 1e-3
 """Accepted relative drift of the stamps' clock behind the ticks, ten times that of two quartz clocks."""
 SLOWEST = 1.5
-"""Ratio of stamps' advance to dt above which the loop counts as slower than dt."""
+"""Ratio of the stamps' advance to dt above which the loop counts as slower than dt."""
 SHORTEST_TICK = 1e-9
 """[s] Shortest tick; cubes of rates overflow for much shorter ones."""
 STAMPS = Record(last=1, lag=1, stamped=1, ahead=1)
 """State of the stamps: last stamp [s], lag behind the ticks [s], whether there was a stamp, lead over `SLOWEST` ticks
-[s]. Initially NaN, 0, 0, 0."""
+[s]. Initially NaN, 0, 0, 0.
+"""
 NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 """Kinds of stamps."""
 
@@ -36,14 +37,13 @@ NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 def default_max_age(dt: float) -> float:
     """Largest age [s] of a state at a nominal tick dt [s]: 50 ms, and never less than three ticks.
 
-    50 ms is below a person's fastest voluntary reaction, and a hand at 0.25 m/s moves 12 mm in it. Three ticks allow
-    for two lost samples in a row.
+    50 ms is below a person's fastest voluntary reaction. Three ticks allow for two lost samples in a row.
     """
     return max(0.05, 3.0 * dt)
 
 
 def stamp_and_kind(stamp: object) -> tuple[float, int]:
-    """A time stamp as a float [s], NaN if it is invalid (another type, boolean, text), and its kind."""
+    """Time stamp as a float [s], NaN if it is invalid (another type, boolean, text), and its kind."""
     if stamp is None:
         return math.nan, NO_STAMP
     try:
@@ -58,7 +58,7 @@ def stamp_and_kind(stamp: object) -> tuple[float, int]:
 
 
 class Judged(NamedTuple):
-    """A watchdog's verdict on one stamp."""
+    """Verdict of a watchdog on one stamp."""
 
     memory: ca.SX
     """`STAMPS`"""
@@ -95,7 +95,7 @@ def checked_stamp(
         (all_true(usual, lag <= max_age), "FINE", caught_up, nothing),
         (usual, "STATE_STALE", lag, ca.vertcat(lag, max_age)),
         (advance > max_age, "STAMP_GAP", caught_up, behind),
-        (advance < -max_age, "STAMP_BACKWARDS", ca.SX(0), -behind),  # a stream that began anew
+        (advance < -max_age, "STAMP_BACKWARDS", ca.SX(0), -behind),  # a restarted stream
         (advance < 0, "STAMP_BACKWARDS", lag, -behind),
         (ca.SX(1), "STAMP_REPEATED", lag, nothing),
     ]
@@ -110,7 +110,7 @@ def checked_stamp(
 
 
 def first_of(cases: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
-    """The value of the first case whose condition is true; the last case is the default."""
+    """Value of the first case whose condition is true; the last case is the default."""
     value = cases[-1][1]
     for when, then in reversed(cases[:-1]):
         value = ca.if_else(when, then, value)
@@ -127,13 +127,13 @@ def watched() -> ca.Function:
 
 
 class Watchdog(OneThread):
-    """Detects repeated, reversed, missing and delayed time stamps; call `check` once per tick.
+    """Detect repeated, reversed, missing and delayed time stamps; to be called (`check`) once per tick.
 
-    It reads no clock, so that a replay gives the same verdicts as the live session. A delayed stream has stamps that
-    advance by less than the ticks; the accumulated lag is compared with `max_age`, and only stamps that advance by more
-    reduce it. Stamps that jump back by more than `max_age` mean a restarted stream: one fault, and the count restarts.
-    Stamps that gain more than `max_age` on 1.5 times the ticks mean a loop slower than `dt`, in which an arm would
-    brake too late. An object belongs to one thread: see `OneThread`.
+    The watchdog reads no clock, so a replay gives the same verdicts as the live session. The stamps of a delayed stream
+    advance by less than the ticks; the accumulated lag is compared with `max_age`. Stamps that jump back by more than
+    `max_age` mean a restarted stream: one fault, and the count restarts. Stamps that gain more than `max_age` on 1.5
+    times the ticks mean a loop slower than `dt`, in which an arm would brake too late. An object belongs to one thread,
+    see `OneThread`.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class Watchdog(OneThread):
         self.max_age = float(max_age) if is_finite(max_age) else math.inf
         """Largest age of a state [s]."""
         self._function = function = BufferedFunction(watched())
-        self._evaluate = function.evaluate  # it is never exchanged
+        self._evaluate = function.evaluate  # never replaced
         limits, self._memory, given = function.inputs
         limits[:] = dt, self.max_age
         after, said = function.outputs
@@ -167,7 +167,7 @@ class Watchdog(OneThread):
 
     @property
     def lag(self) -> float:
-        """Lag of the stamps behind the ticks [s]."""
+        """Lag [s] of the stamps behind the ticks."""
         return float(self._memory[STAMPS["lag"]])
 
     def reset(self) -> None:
@@ -178,10 +178,10 @@ class Watchdog(OneThread):
         self._give_away()
 
     def check(self, stamp: float | None) -> str:
-        """Reason why a state with `stamp` [s, any origin] is invalid; empty if it is valid. No stamp raises.
+        """Reason why a state with `stamp` [s, any origin] is invalid; empty if it is valid.
 
-        None is accepted before the first stamp; later it is a fault. Each fault stands alone: after a gap or a reversal
-        the next stamp may be valid.
+        None is accepted before the first stamp; later it is a fault. After a gap or a reversal the next stamp may be
+        valid.
         """
         if self._owner != get_ident():
             self._claim()

@@ -1,4 +1,4 @@
-"""The command closest to a given one that satisfies rows."""
+"""The command nearest to a given command that satisfies rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEAVING = 10.0
 
 
 def within_rows(n: int, m: int) -> ca.Function:
-    """H, u (n,), slopes, away, upper (m,), least, most (n,) -> nearest to u within the rows and the interval.
+    """Function: H, u (n,), slopes, away, upper (m,), least, most (n,) -> x nearest to u within rows and interval.
 
     min |x - u|_H^2 + LEAVING (1 - s)^2  s.t. away s - slopes x <= upper, least <= x <= most, 0 <= s <= 1
     """
@@ -31,5 +31,5 @@ def within_rows(n: int, m: int) -> ca.Function:
         h=ca.densify(ca.diagcat(H, LEAVING)), g=ca.vertcat(-H @ u, -LEAVING), a=ca.horzcat(-slopes, away),
         lba=-ca.inf * ca.DM.ones(m), uba=upper, lbx=ca.vertcat(least, 0), ubx=ca.vertcat(most, 1), x0=ca.vertcat(u, 0),
     )["x"][:n]  # fmt: skip
-    found = ca.if_else(ca.sumsqr(found) < ca.inf, found, u)  # NaN is no answer
+    found = ca.if_else(ca.sumsqr(found) < ca.inf, found, u)  # NaN fails
     return ca.Function("within_rows", given, [ca.fmin(ca.fmax(found, least), most)])
