@@ -1,4 +1,4 @@
-"""The keys of a problem file, derived from the schema that reads such files."""
+"""Tables of the keys of a problem file, derived from the schema that validates such files."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ class Keys(NamedTuple):
     head: str
     """Name and meaning of the table; empty for the file itself."""
     rows: list[tuple[str, str, str, str]]
-    """Key, values, default, meaning."""
+    """For each key: name, values, default, meaning."""
     refused: str
-    """Combinations of keys that are refused; may be empty."""
+    """Text that lists invalid combinations of keys; may be empty."""
 
 
 def sections_within(annotation: Any) -> list[type[BaseModel]]:
-    """The sections that a key may hold, in the order of the annotation."""
+    """The sections that a key with this type annotation may have as values, in the annotation's order."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [section for each in get_args(annotation) for section in sections_within(each)]
 
 
 def attribute_docstrings(owner: type) -> dict[str, str]:
-    """The docstring below each attribute of a class, including inherited ones."""
+    """The docstring below each attribute of a class, by the attribute's name, including inherited attributes."""
     said: dict[str, str] = {}
     ours = {"rehab_opt", owner.__module__.partition(".")[0]}
     for each in reversed(owner.__mro__):
@@ -60,7 +60,10 @@ def _own_docstrings(owner: type) -> dict[str, str]:
 def keys_of(
     schema: type[BaseModel], prefix: str = "", head: str = "", without: frozenset[str] = frozenset()
 ) -> Iterator[Keys]:
-    """The keys of a schema, then those of each table in it; texts in Markdown."""
+    """The keys of a schema, then the keys of each table in the schema, as Markdown texts.
+
+    `prefix` is put before each key, `head` is the heading, and `without` names tables that are not listed.
+    """
     said, described = defaultdict(str, attribute_docstrings(schema)), schema.model_json_schema()
     rows: list[tuple[str, str, str, str]] = []
     within: list[tuple[str, str, type[BaseModel]]] = []
@@ -76,7 +79,7 @@ def keys_of(
         listed = _is_list(plain, described)
         within += [(f"{named}{_element(plain, described)}.", named, section) for section in sections]
         if sections and not listed and len(_forms(plain, described)) == len(sections):
-            continue  # nothing but a table of its own
+            continue  # the key's value is always a table, which is listed below
         rows.append((named, _values(plain, described), _default(field, plain), said[key]))
     yield Keys(head, rows, _refusals(schema))
     for below, named, section in within:
@@ -86,7 +89,7 @@ def keys_of(
 
 
 def _refusals(schema: type[BaseModel]) -> str:
-    """Combinations that the validators of several keys refuse, from their docstrings."""
+    """Text that lists invalid combinations of keys, from the docstrings of the schema's validators."""
     checks = schema.__pydantic_decorators__.model_validators.values()
     lines = [inspect.getdoc(check.func) or "" for check in checks if check.info.mode == "after"]
     return "Refused: " + "; ".join(line.removeprefix("Refuse ").rstrip(".") for line in lines) + "." if lines else ""
@@ -103,7 +106,7 @@ def _is_list(plain: dict[str, Any], whole: dict[str, Any]) -> bool:
 
 
 def _forms(plain: dict[str, Any], whole: dict[str, Any]) -> list[dict[str, Any]]:
-    """The alternatives of a value, with references resolved and "none" left out."""
+    """The alternative JSON schemas of a value, with references resolved and without null."""
     if "$ref" in plain:
         return _forms(whole["$defs"][plain["$ref"].rpartition("/")[2]], whole)
     for word in ("anyOf", "oneOf", "allOf"):

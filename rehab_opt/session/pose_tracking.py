@@ -1,4 +1,4 @@
-"""`system = "pose_tracking"`: `PoseTracker` moves a robot's tool along a circle, or along a path from a file."""
+"""`system = "pose_tracking"`: a `PoseTracker` moves a robot's tool along a circle, or along a path from a file."""
 
 from __future__ import annotations
 
@@ -65,37 +65,37 @@ MAX_TICKS = 2_000_000
 
 
 class CircleSection(Section):
-    """A circular path of the tool through its starting point, from rest to rest."""
+    """A circular path of the tool through the tool's starting point, from rest to rest."""
 
     radius_m: float = Field(gt=0, le=1)
     """Radius of the tool's path."""
     normal: Triple = Field(default=[0.0, 0.0, 1.0])
-    """Axis of the circle; the first direction of motion is normal x towards."""
+    """Axis of the circle; the first direction of motion is the cross product of `normal` and `towards`."""
     towards: Triple = Field(default=[1.0, 0.0, 0.0])
-    """Direction from the start to the centre; only its component perpendicular to `normal` counts."""
+    """Direction from the starting point to the centre; only the component perpendicular to `normal` counts."""
     turns: float = Field(default=1.0, gt=0, le=100)
-    """Number of turns, from rest to rest."""
+    """Number of turns."""
     duration_s: float = Field(gt=0, le=600)
     """Duration of all turns together."""
     swing_deg: float = Field(default=0.0, ge=0, le=90)
-    """Largest rotation of the tool about its own z axis."""
+    """Largest rotation of the tool about the tool's z axis."""
 
     @model_validator(mode="after")
     def directions_differ(self) -> Self:
-        """Refuse parallel directions, which define no plane."""
+        """Refuse parallel directions `normal` and `towards`, which define no plane."""
         if np.sum(np.cross(self.normal, self.towards) ** 2) < 1e-12:
             raise PydanticCustomError("no_plane", "normal and towards neither zero nor parallel")
         return self
 
 
 class PathSection(RecordedSection):
-    """A path of the tool, from rest to rest, with the starting orientation; gaps in the recording are bridged."""
+    """A recorded path of the tool, from rest to rest, with the tool's starting orientation; gaps are bridged."""
 
     from_start: bool = True
-    """If true, the first point is at the starting position of the tool; if false, points are in the robot's base frame,
-    and the tool first moves straight to the first point at 0.1 m/s."""
+    """If true, the path is shifted so that its first point is the tool's starting position. If false, the points are in
+    the robot's base frame, and the tool first moves straight to the first point at 0.1 m/s."""
     cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
-    """Cutoff of the smoothing filter (two equal poles); the filter delays the path."""
+    """Cut-off of the low-pass filter (two equal poles) that smooths the path; the filter delays the path."""
 
 
 class TrackerSection(Section):
@@ -108,7 +108,7 @@ class TrackerSection(Section):
     linear_speed_m_s: float = Field(default=1.0, gt=0, le=10)
     """Largest speed of the tool."""
     solver: SolverName | None = None
-    """Solver of the QP; default: `PoseTracker`'s; `--solver` overrides it."""
+    """Solver of the QP; default: `PoseTracker`'s own. The option `--solver` overrides this key."""
 
 
 class PoseTracking(Problem):
@@ -118,19 +118,19 @@ class PoseTracking(Problem):
     robot: RobotSection
     """The robot."""
     circle: CircleSection | None = None
-    """The circular path; either this or `[path]`."""
+    """The circular path; a problem has either `[circle]` or `[path]`."""
     path: PathSection | None = None
-    """The path from a file; either this or `[circle]`."""
+    """The path from a file; a problem has either `[circle]` or `[path]`."""
     tracker: TrackerSection = TrackerSection()
     """The controller."""
     clearance: ClearanceSection | None = None
-    """Bodies that the arm avoids; may be left out."""
+    """Bodies that the arm avoids."""
     plant: JointPlant = JointPlant()
-    """The plant, see the plant's keys."""
+    """The simulated or real robot."""
 
     @model_validator(mode="after")
     def one_path_fits_into_memory(self) -> Self:
-        """Refuse a run with too many ticks for the memory, and two paths or none."""
+        """Refuse a run of more than 2 million ticks, both paths, and no path."""
         if (self.circle is None) == (self.path is None):
             raise refusal("circle", self.circle, "a table [circle] or a table [path], one of them")
         rate, duration = self.tracker.rate_hz, 0.0 if self.circle is None else self.circle.duration_s
@@ -141,18 +141,18 @@ class PoseTracking(Problem):
 
 Config = ProblemFile[PoseTracking]
 KEYS = {"gain": "tracker.gain_per_s", "dt": "tracker.rate_hz", "linear_speed": "tracker.linear_speed_m_s"}
-"""Keys of the problem file for the arguments of the tracker."""
+"""Keys of the problem file, by argument of `PoseTracker`."""
 
 
 def tracker_of(
     problem: PoseTracking, robot: SerialChain, *, file: str, solver: str | None = None, backup: str | None = None
 ) -> PoseTracker:
-    """The tracker with the file's parameters; `backup` as `PoseTracker` takes it.
+    """The tracker with the parameters of the problem file; `backup` as for `PoseTracker`.
 
     Raises
     ------
-    ProblemFileError : the tracker refuses a value of the file.
-    ConfigurationError : the tracker refuses `solver`.
+    ProblemFileError : a value of the problem file is invalid for the tracker.
+    ConfigurationError : `solver` is invalid for the tracker.
     """
     keys = problem.tracker.arguments("gain_per_s", "linear_speed_m_s", "solver")
     keys |= {"solver": solver} if solver else {}
@@ -162,11 +162,11 @@ def tracker_of(
 
 
 def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:
-    """Poses (N, 4, 4) and twists (N, 6) of a circle through the starting pose (4, 4), from rest to rest.
+    """Poses (N, 4, 4) and twists (N, 6) at `times` (N,) [s] of a circle through the pose `start` (4, 4).
 
-    The phase a runs from 0 to 2 pi turns as a minimum-jerk polynomial of time. The centre lies `radius_m` from the
-    start in the direction `towards` (its component perpendicular to `normal`); the tool rotates about its own z axis by
-    swing (1 - cos a) / 2, so it returns to its starting orientation after every turn.
+    The phase a runs from 0 to 2 pi turns as a minimum-jerk polynomial of time, from rest to rest. The centre is at the
+    distance `radius_m` from the start, in the direction of the component of `towards` perpendicular to `normal`. The
+    tool rotates about its own z axis by swing (1 - cos a) / 2, so each turn ends with the starting orientation.
     """
     normal, towards = (np.array(each) / np.linalg.norm(each) for each in (circle.normal, circle.towards))
     towards = towards - (normal @ towards) * normal
@@ -184,23 +184,25 @@ def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple
 
 
 STAYS, FASTEST, NOISE, APPROACH, STEP = 1.0, 5.0, 0.02, 0.1, 0.02
-"""[s] pause at a path's end; [m/s, m] largest step between samples; [m/s, s] approach to a path's beginning."""
+"""Pause at a path's end [s]; largest speed between samples [m/s] and tolerance for noise [m]; speed of the approach to
+a path's first point [m/s] and its time step [s]."""
 
 
 def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...], Gaps]:
-    """Poses (N, 4, 4) and twists (N, 6) along a file's points with the orientation of the starting pose (4, 4); also
-    notes on the file, and its gaps (from, to) [s] on the clock of the poses.
+    """Poses (N, 4, 4) and twists (N, 6) along the points of a file, notes on the file, and its gaps (from, to) [s].
+
+    All poses have the orientation of the starting pose `start` (4, 4). Gaps are on the clock of the poses.
 
     Raises
     ------
-    ProblemFileError : the file is missing, unreadable or too long; points that jump, or too few of them.
+    ProblemFileError : the file is missing, unreadable or too long, or its points jump or are too few.
     """
     file, rate = config.file, config.problem.tracker.rate_hz
     try:
         recording = read_recording(recording_path(config, path.file, key="path.file"), name=path.file, **path.reading())
     except ProblemFileError as refused:
         if not refused.key.startswith("recording."):
-            raise  # a line or a column of the file itself
+            raise  # the error is about a line or column of the recording
         key, expected = refused.key.replace("recording", "path", 1), refused.expected.replace("recording.", "path.")
         raise ProblemFileError(file, key, refused.value, expected) from refused
     if recording.points.shape[1] < 2:
@@ -228,7 +230,7 @@ def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Arr
 
 
 class _AmongMoving(Following):
-    """Passes the tracker the positions of moving bodies, which move in every tick, whether enabled or not."""
+    """Control that passes the positions of moving bodies to the tracker; the bodies move in every tick."""
 
     def __init__(self, tracker: PoseTracker, section: ClearanceSection, *followed: Any) -> None:
         super().__init__(tracker, *followed, then="again")
@@ -245,18 +247,18 @@ class _AmongMoving(Following):
 
 
 STILL = 1e-3
-"""[m/s, rad/s] A slower reference counts as at rest: a solver may leave micrometres per second."""
+"""Speed [m/s, rad/s] below which the reference counts as at rest."""
 BEHIND, TURNED = 5e-3, math.radians(3.0)
-"""[m, rad] A tool further from its path, or turned further from it, counts as off the path."""
+"""Errors in position [m] and orientation [rad] above which the tool counts as off its path."""
 AT_LIMIT, AT_SPEED, SINGULAR = math.radians(0.5), 0.98, 0.03
-"""[rad] distance to a joint limit, fraction of the largest speed, and least singular value of the Jacobian beyond which
-a limit, a speed or a singular posture counts as the cause."""
+"""Thresholds for the cause of an error: distance to a joint limit [rad], fraction of a largest speed or acceleration,
+smallest singular value of the Jacobian."""
 OFTEN, LOOKED_AT = 0.1, 200
-"""Fraction of the time off the path above which a cause is named, and number of postures examined."""
+"""Fraction of the time off the path above which a note names a cause; largest number of postures that are examined."""
 
 
 class PoseTrackingScene(Scene):
-    """A `PoseTracker` with the file's robot and plant, among bodies that may move."""
+    """The scene of a `PoseTracking` problem: a `PoseTracker` with robot and plant, among bodies that may move."""
 
     controls = frozenset({"target", "push", "faults"})
 
@@ -289,7 +291,7 @@ class PoseTrackingScene(Scene):
         self.still = {**still, "lines": lines, "screen": screen(path), "centre": centre, "reach": 1.2}
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The tracker with the file's plant, unless another plant is given."""
+        """The tracker on `plant`, by default on the plant of the problem file."""
         tracker = tracker_of(self.problem, self.chain, file=self._file, solver=self._solver)
         plant = TouchedPlant(joint_plant(self.problem.plant, self.chain, self.dt)) if plant is None else plant
         followed = plant, self.start, self.poses, self.twists
@@ -298,7 +300,7 @@ class PoseTrackingScene(Scene):
         return _AmongMoving(tracker, self._moving, *followed)
 
     def derived(self, trace: Trace) -> None:
-        """The tool's pose, and its distance from the reference."""
+        """Add columns with the tool's position and with its errors in position and orientation."""
         tool = np.array([self.chain.pose(q) for q in trace["joint"]])
         trace |= {"reference": self.poses[:, :3, 3], "tool": tool[:, :3, 3]}
         trace["position_error_m"] = np.linalg.norm(trace["tool"] - trace["reference"], axis=1)
@@ -307,16 +309,16 @@ class PoseTrackingScene(Scene):
             trace.parts |= {column: [f"{name}_{unit}" for name in self.names] for column in columns}
 
     def near(self, trace: Trace) -> NearestBodies | None:
-        """Distances between bodies; None without `[clearance]`."""
+        """Distances between the arm and the bodies of `[clearance]`; None without this table."""
         return nearest_bodies(self.problem.clearance, self._file, self.chain, trace["joint"], trace["t_s"])
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """The page's frame, with the moving bodies."""
+        """Data of the page's frame, including the moving bodies."""
         frame, moving = super().frame(shown), shown.get("bodies", np.zeros(0)).reshape(-1, MOVING)
         return frame | {"capsules": frame["capsules"] + moving_rows(moving)}
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Errors, margins, speeds and times."""
+        """Metrics: errors, joint-limit margins, speeds and computing times."""
         chain, table, near = self.chain, self.problem.tracker, self.near(trace)
         own = inspect.signature(PoseTracker).parameters
         hard = np.abs(np.diff(trace["command"], axis=0, prepend=0.0)) / self.dt / chain.acceleration
@@ -347,7 +349,7 @@ class PoseTrackingScene(Scene):
         }
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """The plant; remarks on the file; where the tool was off its path, and why."""
+        """Notes on the plant, on the files, on the tool off its path with the cause, and on the nearest bodies."""
         yield plant_note(self.problem.plant, "the robot is simulated: its joints move exactly as commanded")
         yield from (*self.said, *self.chain.notes)
         behind = ~((trace["position_error_m"] <= BEHIND) & (trace["orientation_error_rad"] <= TURNED))
@@ -358,7 +360,7 @@ class PoseTrackingScene(Scene):
             yield near.note
 
     def _left_behind(self, trace: Trace, behind: Any) -> NotMet:
-        """Largest distance from the path in the ticks `behind` (N,), and its cause."""
+        """Note on the tool off its path: time fraction, largest errors and causes; `behind` (N,) selects the ticks."""
         chain, q, velocity, tool = self.chain, trace["joint"], trace["command"], trace["tool"]
         error, turned = trace["position_error_m"], trace["orientation_error_rad"]
         most = self.problem.tracker.linear_speed_m_s
@@ -388,19 +390,19 @@ class PoseTrackingScene(Scene):
 
 
 CHECKED_HZ = 50.0
-"""Largest rate of the run that `check` makes."""
+"""Largest rate [Hz] of the run that `check` makes."""
 
 
 class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
-    """A simulated robot that follows a circle, or a path from a file."""
+    """System in which a robot's tool follows a circle, or a path from a file."""
 
     schema = PoseTracking
     solver_key, rate_key = "tracker.solver", "tracker.rate_hz"
     first = ("position_error", "orientation_error", "joint_limit_margin", "scale", "status")
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Build robot and tracker; return the notes of a run with ideal joints at up to `CHECKED_HZ`."""
-        problem, scene = config.problem, PoseTrackingScene(config, None)  # refused where its rate makes it too long
+        """Build robot and tracker; return the notes of a run with ideal joints at a rate of at most 50 Hz."""
+        problem, scene = config.problem, PoseTrackingScene(config, None)  # checks the number of ticks at the full rate
         tracker_of(problem, scene.chain, file=config.file)
         tracker = problem.tracker.model_copy(update={"rate_hz": min(problem.tracker.rate_hz, CHECKED_HZ)})
         quick = problem.model_copy(update={"tracker": tracker, "plant": JointPlant()})
@@ -408,11 +410,11 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
         return tuple(notes)
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, PoseTrackingScene]:
-        """One run along the path."""
+        """One scene, the run along the path."""
         return {("optimised",): PoseTrackingScene(config, options.get("solver"))}
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """Path, joints and errors; servos if the robot has them; distances between bodies."""
+        """Figures of the path, the joints and the errors, and of servos and distances to bodies if there are any."""
         (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
         fastest = scene.chain.velocity
         joints = {LAW_NAMES["optimised"]: (trace["t_s"], trace["joint"], LAW_STYLES["optimised"])}

@@ -1,4 +1,4 @@
-"""Errors about arguments of the library, renamed to what the user wrote: a key of the file, or an option."""
+"""Convert errors about arguments of a function to errors about a key of the problem file or an option."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ def refused_as(
     option: str | None = None,
     error: type[ProblemFileError] = ProblemFileError,
 ) -> Iterator[None]:
-    """Name a file's key in an error about an argument.
+    """Context in which an error about an argument becomes an error about a key of the problem file.
 
     Parameters
     ----------
-    file : name of the file in errors.
-    key : maps the library's name of an argument to the file's key.
-    option : value of `--solver`, if given: then an error about the solver is not the file's.
+    file : name of the problem file in error messages.
+    key : function from the name of an argument to the key of the problem file.
+    option : value of `--solver`, if given; then an error about the solver is not changed.
+    error : class of the new error.
 
     Raises
     ------
-    ProblemFileError : replaces a ConfigurationError; or `error`.
+    ProblemFileError : in place of a ConfigurationError.
     """
     try:
         yield
@@ -40,11 +41,11 @@ def refused_as(
 
 
 def checked_solver(solver: str | None) -> str | None:
-    """Check the solver of `--solver` early; a solver that the library chooses is checked when it is built.
+    """Check the value of `--solver` before the run, and return it.
 
     Raises
     ------
-    ConfigurationError : empty, or known to fail.
+    ConfigurationError : the name is empty, or the solver is known to fail.
     """
     if solver == "" or solver in UNUSABLE_SOLVERS:
         raise ConfigurationError("--solver", solver, USABLE)
@@ -53,17 +54,17 @@ def checked_solver(solver: str | None) -> str | None:
 
 @contextmanager
 def solver_refusals(option: str | None, *, file: str, key: str, value: str | None) -> Iterator[None]:
-    """Name `--solver` or the file's key if building a solver fails.
+    """Context in which a failure to build a solver becomes an error about `--solver` or the problem file's key.
 
     Parameters
     ----------
-    option : value of `--solver`, if given.
-    key, value : those of the file, used if `--solver` was not given.
+    option : value of `--solver`, if given. file : name of the problem file in error messages.
+    key, value : the solver's key in the problem file and its value, named in the error without `--solver`.
 
     Raises
     ------
-    ConfigurationError : `--solver` is invalid.
-    ProblemFileError : the key of the file is invalid.
+    ConfigurationError : the solver of `--solver` is invalid.
+    ProblemFileError : the solver in the problem file is invalid.
     """
     try:
         yield
@@ -72,7 +73,7 @@ def solver_refusals(option: str | None, *, file: str, key: str, value: str | Non
             raise
         raise ConfigurationError("--solver", refused.value, refused.expected) from refused
     except RuntimeError as failed:
-        if "::init for" not in str(failed):  # not CasADi's word for a solver that it cannot make
+        if "::init for" not in str(failed):  # CasADi's message if it cannot build a solver has this text
             raise
         if option is not None:
             raise ConfigurationError("--solver", option, USABLE) from failed

@@ -1,4 +1,4 @@
-"""Runs a problem of any system, from its file to its numbers. It writes no files."""
+"""Run a problem of any system, without writing files."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ __all__ = ["arms_of", "checked", "live_problem", "run_problem"]
 def run_problem(
     config: ProblemFile[Problem], *, progress: Progress = lambda *_: None, **options: str | None
 ) -> Outcome:
-    """Run a problem and return its numbers.
+    """Run a problem and return its outcome.
 
     Parameters
     ----------
-    config : from `load_problem`.
-    progress : called during the run.
+    config : problem file from `load_problem`.
+    progress : callback for the progress of the run.
     options : options of the system, such as `law` and `solver` of an upper limb; None counts as not given.
 
     Raises
     ------
-    ProblemFileError : a recording or a value of the file is not valid.
-    ConfigurationError : an unknown option, or a value that is not valid.
+    ProblemFileError : a recording or a value of the problem file is invalid.
+    ConfigurationError : an option is unknown, or its value is invalid.
     """
     with _given(config, options) as (system, on, given):
         outcome: Outcome = system.run(on, options=given, progress=progress)
@@ -51,12 +51,12 @@ def run_problem(
 
 
 def live_problem(config: ProblemFile[Problem], **options: str | None) -> LiveProblem:
-    """A problem for a run in real time, for `rehab-opt live`, `film` and `loop`; `options` as for `run_problem`.
+    """A problem for `rehab-opt live`, `film` and `loop`, with `options` as for `run_problem`.
 
     Raises
     ------
-    ProblemFileError : a recording or a value of the file is not valid.
-    ConfigurationError : problems of this kind do not run live; an unknown option, or a value that is not valid.
+    ProblemFileError : a recording or a value of the problem file is invalid.
+    ConfigurationError : problems of this system do not run in real time, or an option or its value is invalid.
     """
     system = system_named(config.problem.system)
     if type(system).live is System.live:
@@ -75,13 +75,12 @@ def live_problem(config: ProblemFile[Problem], **options: str | None) -> LivePro
 def _given(
     config: ProblemFile[Problem], options: Mapping[str, str | None]
 ) -> Iterator[tuple[System[Any, Any], ProblemFile[Any], dict[str, str]]]:
-    """The system, the problem with the plant of `--plant`, and the options; an invalid solver is refused under the name
-    that the user gave.
+    """Context with the system, the problem with the plant of `--plant`, and the given options.
 
     Raises
     ------
-    ConfigurationError : an unknown option, or a value that is not valid.
-    ProblemFileError : the file's solver is not valid.
+    ConfigurationError : an option is unknown, or its value is invalid.
+    ProblemFileError : the solver in the problem file is invalid.
     """
     name = config.problem.system
     system = system_named(name)
@@ -106,7 +105,7 @@ def _given(
 
 
 def checked(config: ProblemFile[Problem]) -> tuple[str, ...]:
-    """Check everything that can be checked without a run, and return the notes.
+    """Check a problem without running it, and return the notes.
 
     Raises
     ------
@@ -117,7 +116,7 @@ def checked(config: ProblemFile[Problem]) -> tuple[str, ...]:
 
 
 def arms_of(config: ProblemFile[Problem]) -> dict[str, SerialChain]:
-    """The arms whose range of motion a problem defines, by the names of the ranges; may be empty.
+    """The arms of a problem by the name of their range of motion; empty for systems without a person's arm.
 
     Raises
     ------

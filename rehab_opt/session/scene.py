@@ -1,8 +1,7 @@
-"""A problem built from library objects: one object that can be run, checked, looped in real time, shown live, filmed
-and exported.
+"""Base classes of problems with a robot in a closed loop.
 
-A kind of problem is a `SceneSystem` and a `Scene`. The scene builds robot and controller, provides the inputs of each
-tick, and computes numbers, notes and page from a trace; the system draws figures of the traces.
+A kind of problem is a `SceneSystem` and a `Scene`. The scene builds robot and controller, gives the inputs of each
+tick, and computes metrics and notes from a trace; the system draws figures from traces.
 """
 
 from __future__ import annotations
@@ -33,7 +32,10 @@ Shown = dict[str, Any]
 
 
 class Plot(NamedTuple):
-    """A number that the page plots: name, unit, function, and the line of its limit or smallest scale."""
+    """A number that the page plots: name, unit, and function from the drawn data to the number.
+
+    `scale` may have `line`, the number's limit, or `least`, the smallest upper end of the plot's axis.
+    """
 
     name: str
     unit: str
@@ -42,7 +44,7 @@ class Plot(NamedTuple):
 
 
 def arm_plots(chain: SerialChain) -> tuple[Plot, ...]:
-    """The plots of any arm."""
+    """Plots for any arm: smallest joint-limit margin, manipulability, and force on the hand."""
     ended = np.isfinite(chain.lower) & (chain.lower < chain.upper)
 
     def margin(of: Shown) -> float:
@@ -56,13 +58,12 @@ def arm_plots(chain: SerialChain) -> tuple[Plot, ...]:
 
 
 class Scene(LiveProblem):
-    """Base of all scenes: the parts that scenes with one arm share.
+    """Base class of scenes with a robot in a closed loop.
 
     Attributes
     ----------
-    chain, bodies : the arm and its bodies. ticks : upper limit of the ticks of a run. plots : numbers beside the page's
-        picture.
-    still : fixed parts of the page's picture, and its camera.
+    chain, bodies : kinematics of the arm, and its drawn bodies. ticks : largest number of ticks of a run.
+    plots : numbers that the page plots. still : fixed parts of the page's picture, and the camera.
     """
 
     chain: SerialChain
@@ -73,19 +74,19 @@ class Scene(LiveProblem):
     noise = "mrad"
 
     def inputs(self, k: int, control: Any) -> LiveInputs | None:
-        """Inputs of tick k of a run; None after the end of the run."""
+        """Inputs in tick k of a run; None ends the run."""
         given: LiveInputs = control.untouched(k * self.dt)
         return given
 
     def also(self, control: Any, command: Command) -> Mapping[str, Any]:
-        """More columns of the trace for a tick, computed before its command is sent."""
+        """Further columns of the trace for a tick, computed before the tick's command is sent."""
         return {}
 
     def derived(self, trace: Trace) -> None:
-        """Add columns that are computed from others, and name the parts of columns."""
+        """Add columns that are computed from other columns, and name the components of array columns."""
 
     def run(self, progress: Progress = lambda *_: None, control: LiveControl | None = None) -> Trace:
-        """Run the closed loop from rest, with a new control or the given one."""
+        """Run the closed loop from rest, with `control` or, by default, a new control; return the trace."""
         made = self.control() if control is None else control
         trace = simulate(
             made,
@@ -98,11 +99,11 @@ class Scene(LiveProblem):
         return trace
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Numbers for metrics.json; keys end in their statistic and unit."""
+        """Metrics of a run for metrics.json; keys end in a statistic and a unit, as in `position_error_max_m`."""
         raise NotImplementedError
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Notes for a reader of the numbers; equal notes of several scenes are printed once."""
+        """Notes on a run; equal notes of several scenes are printed once."""
         return iter(())
 
     def scene(self) -> dict[str, Any]:
@@ -112,7 +113,7 @@ class Scene(LiveProblem):
         return {**super().scene(), **own, **self.still}
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Data that the page gets repeatedly: arm, handles, push and plots."""
+        """Data that the page gets 30 times a second: arm, handles, force on the hand, and plotted numbers."""
         of = dict(shown, hand=self.bodies.tool(shown["q"])[:, 3])
         return {
             "capsules": self.bodies.capsules(of["q"]),
@@ -124,14 +125,14 @@ class Scene(LiveProblem):
 
 
 class SceneSystem(System[P, S], Generic[P, S]):
-    """A kind of problem with a robot in a closed loop."""
+    """Base class of systems with a robot in a closed loop."""
 
     options = frozenset({"plant", "solver"})
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """The metrics by controller."""
+        """The metrics of each scene by the name of its controller."""
         return {law: of for (law,), of in numbers.items()}
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
-        """The first scene; options as for `run`."""
+        """The first scene of a problem, with options as for `run`."""
         return next(iter(self.scenes(config, options).values()))

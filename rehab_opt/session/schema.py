@@ -1,7 +1,7 @@
-"""Keys that problem files of several systems share, each with its unit (the end of its name), range and default.
+"""Keys that problem files of several systems share; the end of a key's name is its unit.
 
-The keys of a single system are in the folder of that system. The docstring below a key is its description in
-`docs/reference/problem_files.md`.
+Keys of one system are in that system's module. The docstring below a key is the key's description in
+`docs/reference/problem_files.md` and in `rehab-opt keys`.
 """
 
 from __future__ import annotations
@@ -44,21 +44,21 @@ __all__ = [
 ]
 
 NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goniometer>")
-"""Names for the forms of a key with several; pydantic reports them in the location of an error."""
+"""Names of the forms that a key's value may have; pydantic reports these names in the location of an error."""
 
 UNUSABLE_SOLVERS = ("scpgen",)
-"""Solvers of CasADi that cannot be built for these problems, and print warnings when tried."""
+"""Solvers of CasADi that cannot be built for these problems and print warnings."""
 USABLE = "a solver that this problem can be given to"
 
 TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg_s3"), math.pi / 180)
-"""Factor to SI units by the ending of a key."""
+"""Factors to SI units, by the unit at the end of a key."""
 UNIT = re.compile(r"_(?:mm|ms|rad|deg(?:_s[23]?)?|(?:N|Ns|m)_(?:m|s)|per_s|kg|m|s|N|J)$")
 Side = Literal["left", "right"]
 Separator = Literal["comma", "semicolon", "tab", "blank"]
 Decimal = Literal["point", "comma"]
 Positive = Annotated[float, Field(gt=0)]
 Length = Annotated[float, Field(ge=-10, le=10)]
-"""[m] A coordinate; a larger number is probably in another unit."""
+"""A coordinate [m]; a larger number is probably in another unit."""
 
 
 def _usable(solver: str) -> str:
@@ -74,29 +74,29 @@ def _different(values: list[str]) -> list[str]:
 
 
 Once = AfterValidator(_different)
-"""For a list: no value occurs twice."""
+"""Validator of a list whose values must differ."""
 SolverName = Annotated[str, Field(min_length=1), AfterValidator(_usable)]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 
 def refusal(key: str, value: object, expected: str) -> PydanticCustomError:
-    """An error about a key, raised by the validator of a whole section."""
+    """Error about a key, for the validator of a section with several keys."""
     return PydanticCustomError("refused", "{expected}", {"key": key, "value": brief(value), "expected": expected})
 
 
 class Section(BaseModel):
-    """A table of a problem file: unknown keys, numbers for texts and NaN are refused."""
+    """A table of a problem file; unknown keys, values of another type and NaN are errors."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(
         extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True
     )
     FILES: ClassVar[tuple[str, ...]] = ()
-    """The keys that name a file, or a list of files."""
+    """Keys whose value is the name of a file, or a list of such names."""
 
     @model_validator(mode="before")
     @classmethod
     def keys_are_known(cls, data: Any) -> Any:
-        """List the known keys if an unknown one is used."""
+        """Raise an error that lists the known keys if there is an unknown key."""
         if isinstance(data, dict):
             for key, value in data.items():
                 if key not in cls.model_fields:
@@ -104,12 +104,13 @@ class Section(BaseModel):
         return data
 
     def arguments(self, *keys: str, **named: str) -> dict[str, Any]:
-        """The section as arguments of the library: names without units, values in SI units; values of None are left
-        out.
+        """The section's values as arguments of a function, with names without units and values in SI units.
+
+        Values of None are left out.
 
         Parameters
         ----------
-        keys : which keys, by default all. named : the library's names for keys that differ from it.
+        keys : keys to convert, by default all. named : name of the argument, for keys with another name.
         """
         found: dict[str, Any] = {}
         for key in keys or type(self).model_fields:
@@ -125,7 +126,7 @@ class Section(BaseModel):
 
 
 def keys_of(**sections: type[Section]) -> dict[str, str]:
-    """The dotted key for each argument of the library: the reverse of `Section.arguments`."""
+    """Dotted keys of sections by the names of arguments, the inverse of `Section.arguments`."""
     return {UNIT.sub("", key): f"{name}.{key}" for name, section in sections.items() for key in section.model_fields}
 
 
@@ -135,7 +136,7 @@ class Problem(Section):
     system: str
     """Kind of problem."""
     title: str = Field(min_length=1, max_length=120)
-    """Heading of table and figures."""
+    """Title of the table and of the page."""
 
 
 class RecordedSection(Section):
@@ -143,8 +144,8 @@ class RecordedSection(Section):
 
     FILES: ClassVar = ("file",)
     file: str = Field(min_length=1)
-    """A `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv`, relative to the problem file,
-    or `data:folder/file`."""
+    """Path of a `.csv`, `.svc`, `.mot`, `.sto`, `.trc`, `.c3d`, `.xdf` or `_motion.tsv` file, relative to the problem
+    file; or `data:folder/file` for a file in the data folder."""
     marker: str | int | None = None
     """Marker of the hand in a `.trc`, `.c3d` or `_motion.tsv`: its name, or its number from 1."""
     columns: Annotated[list[str | int], Field(min_length=2, max_length=3)] | None = None
@@ -152,17 +153,17 @@ class RecordedSection(Section):
     time_column: str | int | None = None
     """Column of the times in a `.csv`: its name, or its number from 1."""
     rate_hz: float | None = Field(default=None, gt=0, le=1e6)
-    """Samples per second; replaces the file's times."""
+    """Samples per second; this rate replaces the times in the file."""
     units: Annotated[list[str], Field(min_length=1, max_length=3), Once] | None = None
-    """At most one unit each of length (m, cm, mm), angle (rad, deg) and time (s, ms, us, ns); they replace the
-    file's."""
+    """Units that replace those in the file: at most one each of length (m, cm, mm), angle (rad, deg) and time (s, ms,
+    us, ns)."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     """The recording's axis that points up; the points are rotated so that z points up."""
     window_s: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=2, max_length=2)] | None = None
-    """`[from, to]` after the first sample; other samples are ignored."""
+    """Window `[from, to]` in seconds after the first sample; samples outside the window are ignored."""
     trials: str | int | None = None
-    """How the file separates the trials for scoring: a column of a `.csv`; or, in a `.c3d`, the event at the start of
-    each trial, or `"begin,end"`."""
+    """Separation of trials for scoring: a column of a `.csv` with trial numbers; or, in a `.c3d`, the event at the
+    start of each trial, or two events `"begin,end"`."""
     separator: Separator = "comma"
     """Separator of the cells of a `.csv`."""
     decimal: Decimal = "point"
@@ -170,47 +171,47 @@ class RecordedSection(Section):
     count_mm: float | None = Field(default=None, gt=0, le=1000)
     """Length of one raw count in a `.svc`, or in a `.csv` or `.c3d` whose header has no units."""
     tick_ms: float | None = Field(default=None, gt=0, le=1000)
-    """Duration of one raw count of time, for the same files."""
+    """Duration of one raw count of time in a `.svc`, or in a `.csv` or `.c3d` whose header has no units."""
     speed: float = Field(default=1.0, ge=0.01, le=10)
-    """Playback speed: 0.5 takes twice as long."""
+    """Playback speed; at 0.5 the movement takes twice as long."""
 
     @model_validator(mode="after")
     def hand_is_named_as_its_file_allows(self) -> Self:
-        """Refuse a marker or columns that the file's format does not have, and a column that is used twice."""
+        """Refuse keys that the file's format does not have, such as a marker of a `.csv`, and a column used twice."""
         given = {key: getattr(self, key) for key in self.model_fields_set}
         for unused in unused_keys(PurePath(self.file).suffix.lower(), given):
             raise refusal(*unused)
         return self
 
     def reading(self) -> dict[str, Any]:
-        """Arguments for `read_recording`."""
+        """The section's values as arguments of `read_recording`."""
         return self.model_dump(include=set(RecordedSection.model_fields) - {"file"})
 
 
 class RecordingSection(RecordedSection):
-    """The movement, and the hand that made it."""
+    """A recorded movement, and the hand that made the movement."""
 
     hand: Side
-    """The recorded hand."""
+    """The hand that was recorded."""
     mirror: bool = False
-    """Must be true if the recorded hand is not on the arm's side, and false otherwise."""
+    """Whether the movement is mirrored: must be true if the recorded hand is not on the arm's side, else false."""
 
 
 class PlanarPlacement(Section):
     """Position of a movement in its plane."""
 
     centre_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
-    """`[x, y]` of the middle of the path's bounding box."""
+    """Centre `[x, y]` of the path's bounding box."""
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
-    """Rotation about the vertical, counterclockwise from above."""
+    """Rotation of the path about the vertical, counterclockwise from above."""
     scale: float | None = Field(default=None, gt=0, le=1000)
-    """Scale factor; 1 if neither this nor `fit_m` is given."""
+    """Scale factor of the path; 1 if neither `scale` nor `fit_m` is given."""
     fit_m: Annotated[list[Annotated[float, Field(gt=0, le=10)]], Field(min_length=2, max_length=2)] | None = None
-    """`[width, depth]`: the path gets the largest scale that fits; instead of `scale`."""
+    """Size `[width, depth]` of a box; the path gets the largest scale that fits into the box. Replaces `scale`."""
 
     @model_validator(mode="after")
     def size_is_said_once(self) -> Self:
-        """Refuse two scales."""
+        """Refuse both `scale` and `fit_m`."""
         if self.scale is not None and self.fit_m is not None:
             raise PydanticCustomError("two_sizes", "either scale or fit_m, not both")
         return self
@@ -220,4 +221,4 @@ class PlacementSection(PlanarPlacement):
     """Position of a movement in the frame of the shoulder."""
 
     plane_height_m: Length = -0.24
-    """Height z of the plane."""
+    """Height z of the movement's plane above the shoulder; negative below."""

@@ -1,4 +1,4 @@
-"""The closed loop, from rest to a trace."""
+"""Simulate a controller and its plant in closed loop, and return a trace."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TICKS_A_REPORT = 100
 
 
 def relaxed_words(relaxed: Relaxed) -> str:
-    """The relaxed bounds in words; empty if there are none."""
+    """Names of the relaxed bounds, separated by commas; empty if no bound is relaxed."""
     return str(relaxed.name).lower().replace("|", ", ") if relaxed else ""
 
 
@@ -32,18 +32,20 @@ def simulate(
     also: Callable[[int, Command], Mapping[str, Any]] = lambda *_: {},
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Trace:
-    """Run from rest until `inputs` returns None or `ticks` have passed, as in a live run but without waiting.
+    """Simulate from rest until `inputs` returns None or `ticks` have passed.
 
-    Values of a row hold at the beginning of its tick; commands are held during the tick. `joint` (true) and `command`
-    are (N, n) [rad, m, and the same per s], `_force` (N, 2) or (N, 3) [N] acts on the hand during the tick, and
-    `_seconds` is the controller's computing time. A robot that does not move exactly as commanded also has `measured`
-    positions, true `velocity`, and the drives' `_effort` [N m, N] in the tick before.
+    A row of the trace has values at the beginning of its tick; the command acts during the tick. `joint` (N, n) are the
+    true positions [rad, m], `command` (N, n) the commanded velocities [rad/s, m/s], `_force` (N, 2) or (N, 3) the force
+    on the hand during the tick [N], and `_seconds` the controller's computing times. For all plants but ideal joints,
+    the trace also has `measured` positions, the true `velocity`, and the drives' `_effort` [N m, N].
 
     Parameters
     ----------
-    inputs : maps the number of the tick to its inputs. It may read `control.plant.truth`, which controllers
-        cannot. also : more columns, from a tick's number and its command before that is sent. progress : called with
-            the number of the tick and the largest number of ticks.
+    control : controller and plant.
+    inputs : function from the number of a tick to its inputs; it may read the true state `control.plant.truth`.
+    ticks : largest number of ticks.
+    also : function from the number of a tick and its command to further columns, called before the command is sent.
+    progress : callback with the number of the tick and the largest number of ticks.
     """
     plant, rows, more = control.plant, list[tuple[Any, ...]](), list[Mapping[str, Any]]()
     control.timed, seen = False, plant.reset(control.start)

@@ -1,4 +1,4 @@
-"""The live run of a kind of problem: its control and its appearance."""
+"""Base classes of live runs: the control of a problem, and the data that the page of `rehab-opt live` draws."""
 
 from __future__ import annotations
 
@@ -23,71 +23,73 @@ NOWHERE = (math.nan, math.nan, math.nan)
 
 
 class LiveInputs(NamedTuple):
-    """The state of the page's controls; positions and forces in the base frame."""
+    """State of the page's controls; positions and forces are in the base frame."""
 
     enable: bool = False
-    """State of the dead-man switch."""
+    """Whether the dead man's switch is held."""
     target: Triple = NOWHERE
-    """[m] Position to which the hand, or its target, is dragged; NaN if it is not dragged: the problem's own reference
-    holds."""
+    """Position [m] to which the user drags the hand's target; NaN for none. Without a dragged target, the controller
+    follows the problem's own reference."""
     helper: Triple = NOWHERE
-    """[m] Position to which the helper's hand is led, if there are two hands; NaN if it is not led."""
+    """Target [m] of the helper's hand, in problems with two hands; NaN for none."""
     push: Triple = (0.0, 0.0, 0.0)
-    """[N] Force on the hand."""
+    """Force [N] on the hand."""
     stick: tuple[float, float] = (0.0, 0.0)
-    """Deflections forward and to the left, -1 to 1."""
+    """Deflections of the stick forward and to the left, -1 to 1."""
     switch: bool = False
+    """Whether the button that changes the stick's mode is pressed."""
     gripper: bool = False
+    """Whether the gripper's button is pressed."""
     frozen: int = -1
-    """Encoder that repeats its last value; -1 for none."""
+    """Number of the encoder that repeats its last value; -1 for none."""
     noise: float = 0.0
-    """[rad, m] Standard deviation of noise that is added to every position."""
+    """Standard deviation [rad, m] of noise that is added to every position."""
     delay: float = 0.0
-    """[s] Extra delay of measurements, besides the plant's own."""
+    """Delay [s] of measurements that is added to the plant's own delay."""
 
     @property
     def dragged(self) -> bool:
-        """Whether there is a target."""
+        """Whether the user drags the target."""
         return all(map(math.isfinite, self.target))
 
 
 AT_REST = LiveInputs()
-"""No user: the dead-man switch is released, no control is touched."""
+"""Inputs without a user: the dead man's switch is released, and no other control is used."""
 
 
 class LiveControl(ABC):
-    """A controller with its plant, for a loop; the same objects as in `rehab-opt run`.
+    """A controller with its plant, as run by `rehab-opt run`, `loop` and `live`.
 
     Parameters
     ----------
-    plant : its plant; the page can disturb the sensors of a `TouchedPlant`.
-    start : (n,) [rad, m] starting position, at rest.
+    plant : plant of the controller; the page can add sensor faults to a `TouchedPlant`.
+    start : positions (n,) [rad, m] of the plant at the start, at rest.
 
     Attributes
     ----------
-    timed : whether the controller gets stamps; only a run in real time has them.
+    timed : whether the controller gets time stamps of measurements, as in real time.
     """
 
     mode = ""
-    """Mode of the stick; empty without one."""
+    """Mode of the stick; empty for problems without a stick."""
 
     def __init__(self, plant: Plant, start: Array) -> None:
         self.plant, self.start, self.timed = plant, start, True
 
     def stamp(self, seen: Measurement) -> float | None:
-        """[s] Stamp of a measurement, for the controller's watchdog; None while `timed` is false."""
+        """Time stamp [s] of a measurement, for the controller's watchdog; None if `timed` is false."""
         return seen.stamp if self.timed else None
 
     @abstractmethod
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """The command of a tick, from the page's inputs and the measurements."""
+        """Command of a tick, from the page's inputs and the measurement."""
 
     def untouched(self, time: float) -> LiveInputs:
-        """Inputs without a live user: no touch, and the dead-man switch is held; `time` [s] since the start."""
+        """Inputs at `time` [s] since the start without a user: only the dead man's switch is held."""
         return LiveInputs(enable=True)
 
     def plant_command(self, command: Command) -> Array:
-        """The part of a command that the plant takes."""
+        """Input of the plant for a command."""
         return command.value
 
     @abstractmethod
@@ -96,21 +98,26 @@ class LiveControl(ABC):
 
 
 class Tracker(Protocol):
-    """A controller that moves a tool along poses, as `PoseTracker` and `MirrorTracker` do."""
+    """Interface of controllers that track a tool pose, such as `PoseTracker` and `MirrorTracker`."""
 
     def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
-        """Joint velocities (n,) for a tool that should be at `pose` (4, 4) and move with `twist` (6,)."""
+        """Command of joint velocities (n,) [rad/s, m/s].
+
+        q (n,) are the joint positions; the tool's reference is `pose` (4, 4) and `twist` (6,).
+        """
         ...
 
 
 class Following(LiveControl):
-    """A tracker along a reference, which waits while the dead-man switch is released; a drag of the target replaces the
-    reference.
+    """Control that tracks a reference with a `Tracker`.
+
+    While the dead man's switch is released, the reference waits. A target that the user drags replaces the reference.
 
     Parameters
     ----------
-    poses, twists : (N, 4, 4), (N, 6) of the reference, one row for each tick.
-    then : at its end the reference restarts, reverses, or stays at its last known pose.
+    tracker : controller. plant, start : as for `LiveControl`.
+    poses, twists : reference poses (N, 4, 4) and twists (N, 6), one for each tick.
+    then : at its end, the reference restarts ("again"), runs backwards ("back"), or stays at its last pose ("stay").
     """
 
     def __init__(
@@ -129,7 +136,7 @@ class Following(LiveControl):
         self.target: Array = poses[0].copy()
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """The tracker's command."""
+        """Command of the tracker for the dragged target or the next reference pose."""
         twist = self._still
         if inputs.dragged:
             self.target[:3, 3] = inputs.target
@@ -139,11 +146,11 @@ class Following(LiveControl):
         return self.track(seen, twist, enable=inputs.enable)
 
     def track(self, seen: Measurement, twist: Array, *, enable: bool) -> Command:
-        """The tracker's command towards `target`."""
+        """Command of the tracker for the pose `target` and a reference `twist` (6,)."""
         return self._tracker.step(seen.position, self.target, twist, enable=enable, stamp=self.stamp(seen))
 
     def shown(self) -> dict[str, ArrayLike]:
-        """Pose of the robot, its target, and the push."""
+        """Joint positions, position of the target, and force on the hand."""
         truth = self.plant.truth
         return {"q": truth.position, "target": self.target[:3, 3], "force": truth.force}
 
@@ -161,31 +168,33 @@ class Following(LiveControl):
 
 
 class DeviceAddress(NamedTuple):
-    """Address of a real robot."""
+    """Kind and network address of a real robot."""
 
     kind: str
-    """Kind, as in `[plant]`."""
+    """Kind of robot, as in the table `[plant]`: "ur", "franka" or "ros2"."""
     address: str
 
 
 class LiveProblem(ABC):
-    """A problem with a live run. One process calls `control` and another draws, so the object holds only the problem.
+    """A problem that can run in real time.
+
+    The controller's process calls `control`, and the page's process draws; so the object has no state of a run.
 
     Attributes
     ----------
-    title : of the page. dt : [s] of a tick. names : of the measured and commanded joints or coordinates.
-    force : dimension of a force on the hand.
+    title : title of the page. dt : duration of a tick [s]. names : names of the measured joints or coordinates.
+    force : number of components of a force on the hand.
     layout : names and sizes of the numbers that the controller sends to the page.
     """
 
     logged = False
-    """Whether a log is shown, which cannot be touched."""
+    """Whether a log is shown, for which the page has no controls."""
     hands = 1
-    """With 2 hands, the page leads the helper's, and the participant's screen the participant's."""
+    """Number of hands; with 2 hands, the page moves the helper's target, the participant's page the participant's."""
     device: DeviceAddress | None = None
-    """Address of a real robot, if any: the page cannot push it or disturb its sensors."""
+    """Address of a real robot, or None; the page cannot push a real robot or disturb its sensors."""
     controls: ClassVar[frozenset[str]] = frozenset()
-    """Controls of the page that have an effect: of "target", "push", "stick", "faults"."""
+    """Controls of the page that have an effect: any of "target", "push", "stick", "faults"."""
     title: str
     dt: float
     names: tuple[str, ...]
@@ -199,54 +208,54 @@ class LiveProblem(ABC):
 
     @property
     def touchable(self) -> frozenset[str]:
-        """The `controls` that have an effect now."""
+        """The `controls` that have an effect on the current robot or log."""
         return frozenset() if self.logged else self.controls - ({"push", "faults"} if self.device else set())
 
     @abstractmethod
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """New controller and plant; `plant` replaces the problem's own, for example by one of a log or a device.
+        """New control of the problem; `plant` replaces the problem's own plant, for example by a device.
 
         Raises
         ------
-        ConfigurationError : the problem's own plant is a device.
+        ConfigurationError : `plant` is None and the problem's own plant is a device.
         """
 
     @abstractmethod
     def scene(self) -> dict[str, Any]:
-        """Data that the page gets once: see `rehab_opt.live.page`; here the part common to all problems."""
+        """Data that the page gets once; this method returns the part that all problems share."""
         encoders = [name.replace("_", " ") for name in self.names]
         controls = sorted(self.touchable)
         return {"title": self.title, "controls": controls, "encoders": encoders, "logged": self.logged}
 
     @abstractmethod
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Data that the page gets repeatedly, from the numbers of `LiveControl.shown`."""
+        """Data that the page gets 30 times a second, from the numbers of `LiveControl.shown`."""
 
 
 class Seen(NamedTuple):
-    """One picture of the page."""
+    """Numbers of one frame of the page."""
 
     time: float
-    """Time of the loop [s]."""
+    """Time [s] since the loop's start."""
     held: bool
     """Whether the controller was enabled."""
     status: str
     reason: str
     missed: int
-    """Number of ticks left out so far."""
+    """Number of skipped ticks so far."""
     stale: int
-    """Number of commands withheld so far."""
+    """Number of commands withheld so far because the robot's state was stale."""
     hand: tuple[float, float, float] | None
-    """[m] Position of the hand, if the page draws one."""
+    """Position [m] of the hand; None if the page draws no hand."""
     numbers: tuple[float, ...]
-    """The plotted numbers."""
+    """Plotted numbers, in the order of the plots."""
 
 
 class Watching(Protocol):
-    """Receives what the page draws."""
+    """Interface of an object that gets the numbers of each frame of the page."""
 
     def begin(self, plots: Sequence[Mapping[str, Any]]) -> None:
-        """Plots of the page: name, unit, and `line` if there is a limit."""
+        """Set the plots of the page, each with `name`, `unit`, and `line` if the number has a limit."""
 
     def see(self, seen: Seen) -> None:
-        """Receive one picture."""
+        """Receive the numbers of one frame."""

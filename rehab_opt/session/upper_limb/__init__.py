@@ -1,1 +1,1 @@
-"""A recorded hand path followed within a person's joint limits."""
+"""Systems `upper_limb`: a person's arm follows a recorded hand path within the person's joint limits."""

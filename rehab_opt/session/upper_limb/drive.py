@@ -1,4 +1,4 @@
-"""A drive that follows the joints of a path, with intermediate postures between samples."""
+"""A drive that moves the arm's joints along a sequence of postures, with intermediate postures between samples."""
 
 from __future__ import annotations
 
@@ -17,34 +17,40 @@ from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 __all__ = ["DT", "bounds_of_drive", "driven", "hand_and_tilt", "law_columns"]
 
-DT = 0.001  # [s]
+DT = 0.001  # duration of a drive's tick [s]
 OFF, OVER = 1e-4, math.radians(1e-3)
-"""[m, rad] Largest deviation of hand and handle from their path between two postures."""
+"""Largest deviation of the hand [m] and excess tilt of the handle [rad] between two postures."""
 LONG = 0.02
-"""[rad] Joint steps up to this size are close enough to straight lines."""
+"""Largest joint step [rad] without an intermediate posture; the hand's motion is then close to a straight line."""
 HEAVY = 100.0
-"""Weight of the handle tilt's cosine relative to the hand position [m]."""
+"""Weight of the error of the handle tilt's cosine, relative to the error of the hand position [m]."""
 DAMPING, ROUNDING = 1e-2, 1e-9
-"""[m/rad] Initial damping of a step; [rad] least gap between its bounds for a joint at its limit."""
+"""Initial damping [m/rad] of a Gauss-Newton step; margin [rad] added to its joint limits."""
 HALVINGS, STEPS = 6, 20
-"""Largest number of halvings between two samples, and of Newton steps for an intermediate posture."""
+"""Largest number of halvings between two samples, and of Gauss-Newton steps for an intermediate posture."""
 
 
 def law_columns(trace: Trace, law: str) -> dict[str, NDArray[Any]]:
-    """The columns of one controller, without its name as prefix; `joint` (N, n) [rad] are the joint positions."""
+    """Columns of a trace that belong to one controller, without the controller's name as prefix.
+
+    The column `joint` (N, n) [rad] has the joint positions.
+    """
     found = {name.lstrip("_"): values for name, values in trace.items() if name.lstrip("_").startswith(law)}
     return {name[len(law) + 1 :] or "joint": values for name, values in found.items()}
 
 
 def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
-    """Hand positions (N, 3) [m], and angles (N,) [rad] between handle and vertical, for postures q (N, n)."""
+    """Hand positions (N, 3) [m], and angles (N,) [rad] between handle and vertical, for postures q (N, n) [rad]."""
     poses = np.array([arm.pose(posture) for posture in q])
     hand, handle = poses[:, :3, 3], poses[:, :3, 0]
     return hand, np.arctan2(np.hypot(handle[:, 0], handle[:, 1]), handle[:, 2])
 
 
 def bounds_of_drive(chain: SerialChain, bounds: SmoothingSection) -> dict[str, Any]:
-    """Bounds of speed, acceleration and jerk (n,) [rad/s^k], the smaller of the file's and the chain's."""
+    """Bounds of joint speed, acceleration (n,) and jerk [rad/s, rad/s^2, rad/s^3].
+
+    For speed and acceleration, the smaller of the file's bound and the chain's limit holds.
+    """
     return {
         "velocity": np.minimum(math.radians(bounds.speed_deg_s), chain.velocity),
         "acceleration": np.minimum(math.radians(bounds.acceleration_deg_s2), chain.acceleration),
@@ -55,19 +61,24 @@ def bounds_of_drive(chain: SerialChain, bounds: SmoothingSection) -> dict[str, A
 def driven(
     chain: SerialChain, q: Array, times: Array, path: Array, bounds: Mapping[str, Any], *, handle_tilt: float
 ) -> Iterator[tuple[str, Array]]:
-    """Columns of a trace: the joints q (N, n) [rad] at `times` (N,) [s] of a hand path (N, 3) [m], passed by
-    `smooth_path`.
+    """Columns of a trace of a drive that moves the joints along a path with `smooth_path`.
 
-    All joints wait for the slowest one, so hand and handle keep their path; the hand is compared with the path at the
-    drive's phase. If a straight joint motion between two samples would move the hand off its path, or tilt the handle
-    beyond `handle_tilt` [rad], intermediate postures are inserted (`_with_between`).
+    All joints wait for the slowest joint, so hand and handle stay on their path. Between two samples, intermediate
+    postures are inserted if a straight joint motion would move the hand off its path or tilt the handle too far.
+
+    Parameters
+    ----------
+    chain : kinematics of the arm. q : joint positions (N, n) [rad] at `times` (N,) [s].
+    path : reference positions (N, 3) [m] of the hand at `times`. bounds : bounds from `bounds_of_drive`.
+    handle_tilt : largest angle [rad] between handle and vertical.
 
     Yields
     ------
-    drive_t_s (N,), drive (N, n) : time at which it passes each sample, and joint positions there [rad].
-    drive_position_error_m, drive_handle_tilt_rad (N,) : largest values while this sample is the nearest. _drive_time_s,
-    _drive_phase_s (M,), _drive_joint (M, n), _drive_hand (M, 3) : every `DT`, the drive's time, the recording's time,
-    joints and hand. _drive_deviation (n,) : as in `SmoothPath`.
+    drive_t_s (N,), drive (N, n) : time [s] at which the drive passes each sample, and its joint positions then [rad].
+    drive_position_error_m, drive_handle_tilt_rad (N,) : largest values while the sample is the nearest one.
+    _drive_time_s, _drive_phase_s (M,) : time of the drive, and time of the recording that belongs to it, every `DT`.
+    _drive_joint (M, n), _drive_hand (M, 3) : joint positions [rad] and hand positions [m] at these times.
+    _drive_deviation (n,) : joint deviation as in `SmoothPath`.
     """
     found = smooth_path(
         *_with_between(chain, q, times, handle_tilt), **bounds, dt=DT, lower=chain.lower, upper=chain.upper
@@ -89,7 +100,7 @@ def driven(
 
 
 def _with_between(chain: SerialChain, q: Array, times: Array, handle_tilt: float) -> tuple[Array, Array]:
-    """Times (M,) and postures (M, n): the given ones, and as many intermediate ones as hand and handle need."""
+    """Times (M,) and postures (M, n), with intermediate postures inserted that keep hand and handle on their path."""
     for _ in range(HALVINGS):
         hand, tilt = hand_and_tilt(chain, q)
         middle, most = (q[1:] + q[:-1]) / 2, np.maximum(np.maximum(tilt[1:], tilt[:-1]), handle_tilt)
@@ -105,10 +116,9 @@ def _with_between(chain: SerialChain, q: Array, times: Array, handle_tilt: float
 
 
 def _amid(chain: SerialChain, q: Array, hand: Array, handle_tilt: float) -> Array:
-    """Posture near q (n,) with the hand at (3,) [m] and the handle tilted by at most `handle_tilt`; the nearest one if
-    there is none.
+    """Posture near q (n,) with the hand at `hand` (3,) [m] and the handle tilted by at most `handle_tilt` [rad].
 
-    It takes Gauss-Newton steps within the joint limits, with the handle weighted above the hand.
+    Gauss-Newton steps within the joint limits minimise the weighted errors; the result may have a remaining error.
     """
     from scipy.optimize import lsq_linear  # noqa: PLC0415  (loaded when used)
 

@@ -1,4 +1,4 @@
-"""Figures of a followed path: the driven hand from above, the joints, and the errors of hand and handle."""
+"""Figures of a run of `upper_limb`: the hand's path from above, the joints, and the errors of hand and handle."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 __all__ = ["figures"]
 
-SEEN = 1.0  # [mm] from which a height off the plane is worth a word
+SEEN = 1.0  # smallest distance [mm] of the hand from its plane that the legend mentions
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
-    """The figures of a run by file name (without suffix)."""
+    """Figures of a run by file name without suffix."""
     (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
     of = {law: law_columns(trace, law) for law in scene.laws}
     joints = {LAW_NAMES[law]: (each["drive_time_s"], each["drive_joint"], LAW_STYLES[law]) for law, each in of.items()}

@@ -1,4 +1,4 @@
-"""Keys of a problem file of `system = "upper_limb"`, with their meaning."""
+"""Keys of problem files with `system = "upper_limb"`."""
 
 from __future__ import annotations
 
@@ -31,42 +31,42 @@ class RunSection(Section):
     """Sampling of the movement."""
 
     rate_hz: float = Field(default=100.0, ge=1, le=1000)
-    """Samples per second of the path for the controllers."""
+    """Samples per second of the path that the controllers follow."""
 
 
 class OptimisedSection(Section):
     """The optimised controller, `ArmIK`."""
 
     solver: SolverName | None = None
-    """A solver for `ArmIK`; default: its own; `--solver` overrides it."""
+    """Solver of `ArmIK`; default: `ArmIK`'s own. The option `--solver` overrides this key."""
     posture_cost: dict[str, PostureWeight] = Field(default={"rest": 1.0}, min_length=1)
-    """Weights of the terms of the posture cost (`rest`, `elbow`, `displacement`, `speed`, `acceleration`,
-    `manipulability`), each one number or a table by joint."""
+    """Weights of the terms `rest`, `elbow`, `displacement`, `speed`, `acceleration` and `manipulability` of the posture
+    cost. Each weight is a number, or a table with a number for each joint."""
 
 
 class PublishedSection(Section):
     """The published controller, `TangentLaw`: Eqs. (8)-(14) of Rossa et al."""
 
     gain_per_s: float | None = Field(default=None, gt=0, le=1000)
-    """k0; default: `TangentLaw`'s (1000). The paper gives no value; the defaults of this and the next key are the best
-    of the grid that `python -m bench.tangent_law` prints."""
+    """Gain k0 of the paper; default: `TangentLaw`'s, 1000. The paper gives no values of k0 and mu; the defaults are the
+    best of the grid that `python -m bench.tangent_law` prints."""
     damping: Positive | None = None
-    """mu; default: `TangentLaw`'s (1e-6); the paper requires mu << 1."""
+    """Damping mu of the paper, which requires mu << 1; default: `TangentLaw`'s, 1e-6."""
 
 
 class SmoothingSection(Section):
-    """Bounds of the drive's joint motion, equal for every joint."""
+    """Bounds of the drive's joint motion, the same for every joint."""
 
     speed_deg_s: float = Field(default=180.0, ge=1, le=1e4)
-    """Largest speed; all joints wait for the slowest one. A lower limit of the arm takes precedence."""
+    """Largest joint speed; all joints wait for the slowest joint. If the arm has a lower limit, that limit holds."""
     acceleration_deg_s2: float = Field(default=1800.0, ge=1, le=1e7)
-    """Largest acceleration; a lower limit of the arm takes precedence."""
+    """Largest joint acceleration. If the arm has a lower limit, that limit holds."""
     jerk_deg_s3: float = Field(default=180000.0, ge=1, le=1e10)
-    """Largest jerk; the arm has no limit of its own."""
+    """Largest joint jerk."""
 
 
 class UpperLimb(Problem):
-    """A recorded hand path followed within a person's joint limits."""
+    """A person's arm follows a recorded hand path within the person's joint limits."""
 
     system: Literal["upper_limb"]
     arm: ArmSection
@@ -74,12 +74,12 @@ class UpperLimb(Problem):
     recording: RecordingSection
     """The recorded movement."""
     placement: PlacementSection
-    """Position of the path."""
+    """Position of the path relative to the shoulder."""
     run: RunSection = RunSection()
-    """The sampling."""
+    """Sampling of the path."""
     optimised: OptimisedSection = OptimisedSection()
     """The optimised controller."""
     published: PublishedSection = PublishedSection()
     """The published controller."""
     smoothing: SmoothingSection = SmoothingSection()
-    """Bounds of the drive."""
+    """Bounds of the drive's joint motion."""

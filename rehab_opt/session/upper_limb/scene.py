@@ -1,4 +1,4 @@
-"""`system = "upper_limb"`: a recorded hand path followed within a person's joint limits, by both controllers."""
+"""`system = "upper_limb"`: the optimised and the published controller move an arm along a recorded hand path."""
 
 from __future__ import annotations
 
@@ -47,24 +47,24 @@ __all__ = ["LAWS", "FollowedPath", "UpperLimbSystem", "claimed", "verified"]
 Config = ProblemFile[UpperLimb]
 LAWS = ("optimised", "published")
 KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSection)
-"""Keys of the problem file for arguments of the controllers."""
+"""Keys of the problem file, by argument of the controllers."""
 FOLLOWED = 1e-3
-"""[m] A sample is followed if the hand is at most this far from it and the handle is within its tilt."""
+"""Largest distance [m] of the hand from a sample that counts as followed; the handle's tilt must be allowed, too."""
 REACHED = 2e-6
-"""[m] `ArmIK` claims a sample to 1e-6 m; this tolerance checks the claim against the kinematics."""
-ROUNDING = 1e-6  # [rad] tilts that differ by less are the same tilt
-DRIVEN_DEG = 0.01  # by which a drive may tilt further: it goes on between the samples that the law is asked for
+"""Tolerance [m] for checking `ArmIK`'s claim that the hand is within 1e-6 m of a sample."""
+ROUNDING = 1e-6  # tolerance [rad] of the handle's tilt
+DRIVEN_DEG = 0.01  # tolerance [deg] of the handle's tilt for a drive, which also moves between the samples
 LOOKED_AT = 40
-"""Number of samples, equally spaced in time, that `check` tests for reach."""
+"""Number of samples, equally spaced in time, for which `check` tests whether the hand reaches them."""
 
 
 class FollowedPath:
-    """A placed recording, and the controllers that follow it.
+    """A recorded hand path in the frame of the shoulder, and the controllers that follow it.
 
     Raises
     ------
-    ProblemFileError : the recording, or a value of the file, is not valid.
-    ConfigurationError : `solver` is not valid.
+    ProblemFileError : the recording, or a value of the problem file, is invalid.
+    ConfigurationError : `solver` is invalid.
     """
 
     def __init__(self, config: Config, laws: Sequence[str] = LAWS, solver: str | None = None) -> None:
@@ -79,7 +79,7 @@ class FollowedPath:
         self.laws = {law: self._follower(law) for law in laws}
 
     def _follower(self, law: str) -> Any:
-        """The controller with the file's parameters, ready to `follow` a path."""
+        """The controller `law` with the parameters of the problem file."""
         problem, tilt = self.problem, self.tilt
         with self._refused(law):
             if law == "published":
@@ -93,12 +93,12 @@ class FollowedPath:
         return refused_as(self._file, keys, option=self._solver)
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """One row for each sample of the path; hands and tilts are recomputed from each controller's joints."""
+        """Trace with one row for each sample of the path; hand and tilt are computed from each controller's joints."""
         trace, arm, path = Trace({"t_s": self.recording.time, "path": self.path}), self.arm, self.path
         for law, follower in self.laws.items():
             progress(f"{law} law", 0, 1)
             with self._refused(law):
-                answer = follower.follow(path)  # in one piece: posture costs refer to the samples before
+                answer = follower.follow(path)  # the whole path at once, since posture costs refer to earlier samples
             hand, tilt = hand_and_tilt(arm, answer.q)
             columns: dict[str, Any] = {
                 "hand": hand,
@@ -121,7 +121,7 @@ class FollowedPath:
         return trace
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Fraction of the path in reach, and results of each controller and its drive."""
+        """Metrics: fraction of the path within reach, and results of each controller and its drive."""
         path, reachable = trace["path"], trace.get("reachable")
         of_length, of_time = (None, None) if reachable is None else path_fractions(path, reachable)
         return {
@@ -183,7 +183,7 @@ class FollowedPath:
         }
 
     def _parameters(self, law: str) -> dict[str, Any]:
-        """Parameters of the controller, including its defaults."""
+        """Parameters of a controller, including its defaults."""
         of, optimised = self.laws[law], self.problem.optimised
         if law == "published":
             numbers = {"gain_per_s": of.gain, "damping": of.damping, "saturation": of.saturation}
@@ -213,17 +213,17 @@ class FollowedPath:
 
 
 def claimed(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """(N,) whether the controller of these columns claims that the hand is on the path."""
+    """Array (N,): whether the controller claims for each sample that the hand is on the path."""
     return np.array([Status(status).certified for status in of["status"]])
 
 
 def verified(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """(N,) whether it claims so and the kinematics agrees."""
+    """Array (N,): whether the controller's claim for each sample is true by the arm's kinematics."""
     return np.asarray(claimed(of) & (of["position_error_m"] <= REACHED))
 
 
 def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
-    """(N,) whether a sample is followed; `limit` [rad] for the tilt."""
+    """Array (N,): whether each sample is followed, with errors [m] and tilts [rad] (N,) and a tilt `limit` [rad]."""
     return np.asarray((error <= FOLLOWED) & (tilt <= limit))
 
 
@@ -240,7 +240,7 @@ def _published(chosen: Mapping[str, float], *, winds_up: bool) -> Iterator[str]:
 
 
 def _law_notes(law: str, of: Mapping[str, Any], samples: int) -> Iterator[str]:
-    """Notes on samples that are not ok, joints that are too fast, and the tilt of the handle."""
+    """Notes on samples without an "ok" status, on joints that are too fast, and on the tilt of the handle."""
     for reason, count in of["reasons"].items():
         yield f"the {law} law, {count} of {samples} samples: {reason}"
     if (ratio := of["joint_speed_max_fraction_of_limit"]) > 1:
@@ -257,7 +257,7 @@ def _law_notes(law: str, of: Mapping[str, Any], samples: int) -> Iterator[str]:
 
 
 class UpperLimbSystem(System[UpperLimb, FollowedPath]):
-    """A recorded hand path followed by the optimised and the published controller."""
+    """System in which the optimised and the published controller follow a recorded hand path."""
 
     schema = UpperLimb
     first = (
@@ -268,7 +268,7 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
     solver_key = "optimised.solver"
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, FollowedPath]:
-        """Options: `law` ("optimised", "published", "both") and `solver` of the optimised one."""
+        """One scene; options: `law` ("optimised", "published", "both"), `solver` of the optimised controller."""
         law, solver = options.get("law", "both"), options.get("solver")
         if law not in ("both", *LAWS):
             raise ConfigurationError("--law", law, "published, optimised or both")
@@ -281,7 +281,7 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         return {law: outcome.metrics[law] for law in LAWS if law in outcome.metrics}
 
     def caption(self, outcome: Outcome) -> str:
-        """Fraction of the path that the arm reaches."""
+        """Caption of the table: fraction of the path that the arm reaches."""
         part, of_time = (outcome.metrics[f"reachable_fraction_of_{of}"] for of in ("length", "time"))
         if part is None:
             return "the fraction of the path within reach is not known: run the optimised controller"
@@ -290,7 +290,7 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         return f"{reach}, {100 * of_time:.1f} % of its time"
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Read the recording and build the controllers; report how many of some samples the hand reaches."""
+        """Read the recording and build the controllers; report how many of 40 samples the hand reaches."""
         scene = FollowedPath(config)
         path = scene.path
         places = path[np.unique(np.linspace(0, len(path) - 1, LOOKED_AT).round().astype(int))]
@@ -310,11 +310,11 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         return {name: participant_arm(section, file=config.file)}
 
     def seconds_a_tick(self, problem: UpperLimb) -> float:
-        """NaN: its QPs are iterations of inverse kinematics, one or more for each sample."""
+        """NaN, because this system has no ticks: QPs are iterations of the inverse kinematics of a sample."""
         return math.nan
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """See `upper_limb.figures`."""
+        """Figures of a run, from the module `upper_limb.figures`."""
         from rehab_opt.session.upper_limb.figures import figures  # noqa: PLC0415  (draws)
 
         return figures(outcome)

@@ -1,1 +1,1 @@
-"""Maps between two workspaces, by our safe rule and by the published one."""
+"""System `workspace_map`: maps between two workspaces, by our safe rule and by the published rule."""

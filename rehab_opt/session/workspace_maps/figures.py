@@ -1,4 +1,4 @@
-"""Figures of maps like Fig. 8 of Rossa et al., with their folds."""
+"""Figures of maps between workspaces as in Fig. 8 of Rossa et al., and of the folds of these maps."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rehab_opt.workspace.region import Workspace
 __all__ = ["figures"]
 
 GRID_LINES = 16
-"""Number of grid lines across the larger side of a set."""
+"""Number of grid lines across the longer side of a set."""
 ALONG_A_LINE = 60
 ALONG_AN_OUTLINE = 600
 PIXELS = 260
@@ -36,11 +36,11 @@ PATH_STYLES: Sequence[Mapping[str, Any]] = (
 )
 OUTLINE: Mapping[str, Any] = {"facecolor": "#DDDDDD", "edgecolor": "#333333", "linestyle": "-"}
 DENSITY = (0.1, 10.0)
-"""Ends of the colour scale: local area relative to the overall ratio."""
+"""Range of the colour scale: local enlargement of area divided by the ratio of the two sets' areas."""
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
-    """The figures by file name (without suffix)."""
+    """Figures of a run by file name without suffix."""
     drawn, (scene,), (trace,) = {}, outcome.scenes.values(), outcome.traces.values()
     for direction in scene.directions(trace):
         drawn[f"map_{direction.key}"] = _before_and_after(direction)
@@ -49,7 +49,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
 
 
 def _before_and_after(direction: Direction) -> Figure:
-    """Each panel as large as possible; below, the same panels on one scale."""
+    """Figure of the sets before and after the map; the lower row has the same panels on one scale."""
     names = f"{direction.start.name} to {direction.end.name}"
     what = "Grid and trajectories before and after" if direction.before else "Grid before and after"
     figure = framed(f"{what} the map from {names} [mm]; above each panel on its own scale, below all on one.", 4.6)
@@ -65,7 +65,7 @@ def _before_and_after(direction: Direction) -> Figure:
 
 
 def _draw_panels(panels: Sequence[Axes], direction: Direction) -> None:
-    """Draw the set before the map, then the result of each rule."""
+    """Draw the set before the map in the first panel, then the result of each rule."""
     first, *rest = panels
     start, end = direction.start_space, direction.end_space
     draw_region(first, start, OUTLINE, label="workspace")
@@ -122,7 +122,7 @@ def _grid(workspace: Workspace) -> Iterator[Array]:
 
 
 def _outline(workspace: Workspace) -> Iterator[Array]:
-    """Closely spaced points (n, 2) [m] along the outlines."""
+    """Closely spaced points (n, 2) [m] along each outline of a workspace."""
     for ring in shapely.get_parts(workspace.polygon.boundary):
         yield shapely.get_coordinates(shapely.segmentize(ring, ring.length / ALONG_AN_OUTLINE))
 
@@ -158,8 +158,9 @@ def _folds(direction: Direction) -> Figure:
 
 
 def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> Any:
-    """Draw the determinant over the source, relative to the overall ratio of areas; returns the image for a colour
-    bar.
+    """Draw the map's local enlargement of area over the start set; return the image for a colour bar.
+
+    The value is the determinant of the map's Jacobian, divided by the ratio of the two sets' areas.
     """
     assert made.mapped is not None
     assert made.audit is not None

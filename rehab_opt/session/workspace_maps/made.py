@@ -1,4 +1,4 @@
-"""The mapped sets, the computed maps, and mapped paths."""
+"""Sets of a `workspace_map` problem, the maps between them, and mapped paths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENDS: tuple[End, ...] = ("source", "target")
 
 
 class MappedSet(NamedTuple):
-    """One of the two sets: its name, arm and range of motion, and the key of the arm in the file."""
+    """One of the two sets: name, arm, range of motion, and the arm's key in the problem file."""
 
     name: str
     section: ArmInPlane
@@ -31,7 +31,7 @@ class MappedSet(NamedTuple):
 
 
 def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
-    """One of the two sets, from the file."""
+    """The source or the target set of a problem."""
     said = problem.source if end == "source" else problem.target
     if not isinstance(said, str):
         return MappedSet(end, said, said.range_of_motion, end)
@@ -40,7 +40,11 @@ def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
 
 
 class MadeMap:
-    """A map with its audit; both are None, with a reason, if the rule finds no map. `seconds` excludes the audit."""
+    """A map by one rule, with its audit.
+
+    If the rule finds no map, `mapped` and `audit` are None, and `reason` says why. `seconds` is the computing time of
+    the map without the audit.
+    """
 
     def __init__(
         self,
@@ -77,7 +81,7 @@ class MadeMap:
 
 
 class Direction(NamedTuple):
-    """From one set into the other: a map for each rule, and the paths (N, 2) [m] that they map."""
+    """Maps from one set to the other, one for each rule, and the paths (N, 2) [m] before and after."""
 
     key: str
     start: MappedSet
@@ -86,6 +90,6 @@ class Direction(NamedTuple):
     end_space: Workspace
     maps: list[MadeMap]
     before: dict[str, Array]
-    """Paths by trajectory."""
+    """Paths by the name of their trajectory."""
     after: dict[str, dict[str, Array]]
-    """Mapped paths by rule and trajectory, for rules with a map."""
+    """Mapped paths by rule and by the name of their trajectory, for rules with a map."""

@@ -1,4 +1,4 @@
-"""Keys of a problem file of `system = "workspace_map"`, with their meaning."""
+"""Keys of problem files with `system = "workspace_map"`."""
 
 from __future__ import annotations
 
@@ -34,37 +34,37 @@ Rotation = Annotated[
 
 
 class MapSection(Section):
-    """Rules and options of the map."""
+    """Rules and options of the maps."""
 
     rules: Annotated[list[Literal["safe", "polar"]], Field(min_length=1, max_length=2), Once] = Field(
         default=["safe", "polar"]
     )
-    """Landmark rules to compare."""
+    """Rules to compare: our `safe` rule, and the published `polar` rule."""
     directions: Literal["both", "forward"] = "both"
-    """Both directions, or only from source to target."""
+    """Whether both directions are mapped, or only source to target."""
     polar_landmarks: int = Field(default=20, ge=3, le=2000)
-    """Number of lines of the published rule."""
+    """Number of lines of landmarks of the `polar` rule."""
     rotation_deg: Rotation = 0.0
-    """Average rotation of directions; 0 keeps them, `"best"` is the rotation with the least distortion."""
+    """Average rotation of directions by the map: 0 keeps directions; `"best"` gives the least distortion."""
     audit_points: int = Field(default=20_000, ge=100, le=1_000_000)
-    """Number of random points of the audit."""
+    """Number of random points at which a map is audited."""
     seed: int = Field(default=0, ge=0, le=2**31)
-    """Seed of the audit's points."""
+    """Seed of the random points of the audit."""
 
 
 class TrajectorySection(Section):
-    """A movement in one of the sets, which is mapped into the other."""
+    """A movement in one of the sets, which is mapped to the other set."""
 
     name: str = Field(min_length=1, max_length=40)
-    """Name in figures and `trace.csv`."""
+    """Name of the movement in figures and `trace.csv`."""
     set: End
-    """The set that contains it."""
+    """The set that contains the movement."""
     recording: RecordingSection
     """The recorded movement."""
     placement: PlanarPlacement
-    """Its position in the frame of the sets."""
+    """Position of the movement in the frame of the sets."""
     rate_hz: float = Field(default=100.0, ge=1, le=1000)
-    """Samples per second."""
+    """Samples per second of the mapped movement."""
 
 
 class WorkspaceMapProblem(Problem):
@@ -72,19 +72,19 @@ class WorkspaceMapProblem(Problem):
 
     system: Literal["workspace_map"]
     source: MappedSet
-    """A name of `arm.range_of_motion`, or a table with the keys of `[arm]` and one range."""
+    """The first set: a name in `arm.range_of_motion`, or a table with the keys of `[arm]` and one range of motion."""
     target: MappedSet
-    """The other set, in the same form."""
+    """The second set, in the form of `source`."""
     arm: ArmOfRanges | None = None
-    """The arm; needed if a set is given by name."""
+    """The arm; required if `source` or `target` is a name."""
     map: MapSection = MapSection()
-    """Rules and options of the map."""
+    """Rules and options of the maps."""
     trajectory: Annotated[list[TrajectorySection], Field(max_length=MAX_TRAJECTORIES)] = Field(default=[])
-    """Movements to map, each a `[[trajectory]]`."""
+    """Movements to map, each in a table `[[trajectory]]`."""
 
     @model_validator(mode="after")
     def sets_are_there(self) -> Self:
-        """Refuse names of ranges that `arm` lacks, and trajectories with the same name."""
+        """Refuse a `source` or `target` that `arm.range_of_motion` does not have, and two trajectories of one name."""
         there = ranges_by_name(self.arm.range_of_motion) if self.arm is not None else {}
         for key in ("source", "target"):
             named = getattr(self, key)

@@ -1,4 +1,4 @@
-"""`system = "workspace_map"`: one workspace mapped onto another, by our safe rule and by the published one."""
+"""`system = "workspace_map"`: maps of one workspace onto another, by our safe rule and by the published rule."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ XY = ("x_m", "y_m")
 
 
 def placed_trajectory(config: Config, index: int) -> tuple[Recording, Array]:
-    """A trajectory's recording, and its path (N, 2) [m] in the frame of its set; raises as `placed_recording`."""
+    """Recording of a trajectory, and its path (N, 2) [m] in the frame of its set; raises as `placed_recording`."""
     trajectory = config.problem.trajectory[index]
     section = mapped_set(config.problem, trajectory.set).section
     recording, path = placed_recording(
@@ -47,7 +47,7 @@ def placed_trajectory(config: Config, index: int) -> tuple[Recording, Array]:
 
 
 class MappedSets:
-    """Two sets, and the trajectories in them."""
+    """The scene of a `WorkspaceMapProblem`: two sets, and trajectories in them."""
 
     def __init__(self, config: Config) -> None:
         problem = self.problem = config.problem
@@ -56,7 +56,7 @@ class MappedSets:
         self.starts = (0, 1) if problem.map.directions == "both" else (0,)
 
     def spaces(self, progress: Progress = lambda *_: None) -> list[Workspace]:
-        """Source and target."""
+        """Compute the workspaces of source and target."""
         return [of.workspace for of in self._found(progress)]
 
     def _found(self, progress: Progress) -> list[Any]:
@@ -64,7 +64,10 @@ class MappedSets:
         return [reached(of.section, of.ranges, file=self.file, key=of.key) for of in sets]
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """One row for each sample of a trajectory, NaN for a rule without a map; `_map` is (starts, rules)."""
+        """Trace with one row for each sample of a trajectory; mapped samples are NaN for a rule without a map.
+
+        The column `_map` (directions, rules) has the maps.
+        """
         found, rules = self._found(progress), self.problem.map.rules
         spaces = [of.workspace for of in found]
         pairs = list(product(self.starts, rules))
@@ -90,7 +93,7 @@ class MappedSets:
         return Trace(dict(zip(columns_of, columns, strict=True)) | kept, dict.fromkeys(["before", *after_names], XY))
 
     def directions(self, trace: Trace) -> Iterator[Direction]:
-        """The maps of a trace, by direction."""
+        """The maps and paths of a trace for each direction."""
         for start, maps in zip(self.starts, trace["_map"], strict=True):
             end = 1 - start
             names = [each.name for each in self.problem.trajectory if each.set == ENDS[start]]
@@ -108,7 +111,7 @@ class MappedSets:
             )
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Numbers of both sets, each rule's map, and the mapped trajectories."""
+        """Metrics of both sets, of each rule's maps, and of the mapped trajectories."""
         sets = zip(ENDS, self.sets, trace["_space"], trace["_seconds"].tolist(), strict=True)
         return {
             "sets": {end: {"name": of.name, **workspace_metrics(space), "seconds": t} for end, of, space, t in sets},
@@ -150,7 +153,7 @@ def _outside(name: str, path: Array, start: str, space: Workspace) -> Iterator[s
 
 
 def map_metrics(made: MadeMap) -> dict[str, Any]:
-    """The audit of a map; the stretches also relative to the pair's overall ratio."""
+    """Metrics of a map's audit; stretches are given absolutely and relative to the overall ratio of the two sets."""
     if made.mapped is None or made.audit is None:
         return {"passed": False, "reasons": [made.reason]}
     audit, proof = made.audit, made.audit.certificate
@@ -201,16 +204,16 @@ def _path_metrics(name: str, of: Direction) -> dict[str, Any]:
 
 
 class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
-    """Maps between two workspaces."""
+    """System of maps between two workspaces."""
 
     schema = WorkspaceMapProblem
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, MappedSets]:
-        """Both directions in one scene: one map is not the inverse of the other."""
+        """One scene with both directions; the map back is not the inverse of the map forth."""
         return {(): MappedSets(config)}
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """One column for each direction and rule."""
+        """Columns of the table, one for each direction and rule."""
         return {
             f"{of['from']} -> {of['to']}\n{rule} rule": numbers
             for of in outcome.metrics["maps"].values()
@@ -219,13 +222,13 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         }
 
     def caption(self, outcome: Outcome) -> str:
-        """The sets; the notes say why a map is refused."""
+        """Caption of the table: the areas of both sets, and the meaning of "passed"."""
         sets = outcome.metrics["sets"].values()
         areas = "; ".join(f"{numbers['name']} {1e4 * numbers['area_m2']:.4g} cm^2" for numbers in sets)
         return f"{areas}. Passed: the map may go to a controller; the notes say why one is refused"
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Read the trajectories and compute the sets."""
+        """Read the trajectories and compute both sets; report samples outside their set."""
         scene = MappedSets(config)
         spaces = scene.spaces()
         MadeMap(config.problem.map, scene.sets, spaces, start=0, rule="polar", file=config.file)  # refuses sets
@@ -236,7 +239,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         return tuple(said)
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """See `workspace_maps.figures`."""
+        """Figures of a run, from the module `workspace_maps.figures`."""
         from rehab_opt.session.workspace_maps.figures import figures  # noqa: PLC0415  (draws)
 
         return figures(outcome)

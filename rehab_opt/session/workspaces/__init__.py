@@ -1,1 +1,1 @@
-"""Reachable workspaces of an arm, and maps between them."""
+"""System `workspace`: reachable workspaces of a person's arm in a horizontal plane."""

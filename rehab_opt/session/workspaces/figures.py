@@ -1,4 +1,4 @@
-"""Figures of workspaces like Fig. 3 of Rossa et al., slices (b) and volumes (a)."""
+"""Figures of workspaces as in Fig. 3 of Rossa et al.: slices in a plane (b) and volumes (a)."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#E8C4B8", "edgecolor": "#8A5A4A", "linestyle": "-.", "hatch": "OO"},
     {"facecolor": "#333333", "edgecolor": "#000000", "linestyle": ":", "hatch": "xx"},
 )
-"""Styles of the sets in the order of the file, as many as can be compared."""
-WRAPPED = 62  # characters of a legend's line
-ARROW = 60  # [mm]
+"""Styles of the sets in the order of the problem file; there are as many as a file may compare."""
+WRAPPED = 62  # largest number of characters in a line of a legend
+ARROW = 60  # length of the arrow at the shoulder [mm]
 
 
 def draw_region(axes: Axes, workspace: Workspace, style: Mapping[str, Any], *, label: str = "") -> None:
-    """Draw a workspace as a translucent area; for an empty one only its label in the legend."""
+    """Draw a workspace as a translucent area; an empty workspace appears only in the legend."""
     filled = {**style, "facecolor": to_rgba(style["facecolor"], 0.45)}
     axes.add_patch(PathPatch(region_path(workspace), label=label or None, **filled))
 
 
 def region_path(workspace: Workspace) -> Path:
-    """The boundary [mm] with its holes; no vertices for an empty set."""
+    """Boundary of a workspace [mm] with its holes; an empty workspace has no vertices."""
     vertices: list[tuple[float, float]] = []
     codes: list[Any] = []
     for _, _, points in rings(workspace):
@@ -70,22 +70,18 @@ def region_path(workspace: Workspace) -> Path:
 
 
 def draw_shoulder(axes: Axes, section: ArmInPlane) -> None:
-    """Draw the shoulder as a dot with an arrow of 60 mm in the participant's facing direction; both stay within the
-    axes.
-    """
+    """Draw the shoulder as a dot, with an arrow of 60 mm in the direction that the participant faces."""
     x, y = MM * np.array(section.shoulder_m[:2])
     turn = math.radians(section.shoulder_turn_deg)
     ahead = (x - ARROW * math.sin(turn), y + ARROW * math.cos(turn))
-    # Axes make no room for an annotation; where every set is empty the frame would be a tenth of a millimetre wide.
+    # Annotations do not extend the axes' range; without this line, axes of empty sets would have almost no width.
     axes.update_datalim([(x - ARROW, y - ARROW), (x + ARROW, y + ARROW)])
     axes.annotate("", ahead, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1.2})
     axes.plot(x, y, "o", color=REFERENCE, label=f"{section.side} shoulder, arrow: forward")
 
 
 def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
-    """Set equal scales in millimetres, labelled in the shoulder's frame or, if that is turned or shifted, in the
-    robot's.
-    """
+    """Set equal scales and label the axes [mm]; labels name the robot's frame if it differs from the shoulder's."""
     placed = is_placed(section)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x of the robot [mm]" if placed else ACROSS)
@@ -94,19 +90,19 @@ def seen_from_above(axes: Axes, section: ArmInPlane) -> None:
 
 
 def is_placed(section: ArmInPlane) -> bool:
-    """Whether the robot's frame differs from the shoulder's."""
+    """Whether the robot's frame differs from the shoulder's frame."""
     return any(section.shoulder_m) or section.shoulder_turn_deg != 0
 
 
 def region_label(name: str, workspace: Workspace) -> str:
-    """Name and area for a legend, or the reason why the set is empty."""
+    """Text for a legend: name and area of a set, or the reason why the set is empty."""
     area = np.format_float_positional(1e4 * workspace.area, precision=3, fractional=False, trim="-")
     size = f"empty, {workspace.reason}" if workspace.empty else f"{area} cm$^2$"
     return "\n".join(textwrap.wrap(f"{name}: {size}".replace("_", " "), WRAPPED))
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
-    """The figures by file name (without suffix)."""
+    """Figures of a run by file name without suffix."""
     (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
     drawn = {"workspace": _slices(scene.problem.arm, sets_of(trace))}
     if scene.held:
@@ -132,8 +128,9 @@ def _slices(section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
 
 
 def _volumes(section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]) -> Figure:
-    """One view for each way of holding the handle; `volumes` are those of the named sets, by whether the handle is
-    held.
+    """Figure with one view for the held and one for the free handle.
+
+    `volumes` has the volumes of all `names`, by whether the handle is held.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]  # noqa: PLC0415  (slow to import, rarely drawn)
 
@@ -155,7 +152,7 @@ def _volumes(section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, S
         axes.set_box_aspect(np.maximum(high - low, 1.0))
         axes.view_init(elev=18, azim=-60)
         axes.locator_params(nbins=5)
-        axes.tick_params(axis="z", pad=12)  # clear of the ticks
+        axes.tick_params(axis="z", pad=12)  # so that numbers do not touch the ticks
         own = ("right of the shoulder [mm]", "in front [mm]", "above [mm]")
         labels = [f"{axis} of the robot [mm]" for axis in "xyz"] if is_placed(section) else own
         axes.set(xlabel=labels[0], ylabel=labels[1])

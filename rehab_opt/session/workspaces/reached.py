@@ -1,4 +1,4 @@
-"""The workspace of a problem's arm, with the computing time."""
+"""Reachable workspace of a problem's arm, and texts that describe the plane and the handle."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy"
 
 
 class Reached(NamedTuple):
-    """A workspace, its arm, and the computing time [s]."""
+    """A reachable workspace, the arm, and the computing time [s]."""
 
     arm: SerialChain
     workspace: Workspace
@@ -41,11 +41,11 @@ class Reached(NamedTuple):
 
 
 def reached(section: ArmInPlane, ranges: AnyRange, *, file: str, key: str) -> Reached:
-    """Reachable workspace of the arm with a range of motion; `key` is the arm's key in the problem file.
+    """Reachable workspace of an arm with a range of motion; error messages call the arm's table `key`.
 
     Raises
     ------
-    ProblemFileError : a value of the file is not valid.
+    ProblemFileError : a value of the problem file is invalid.
     """
     arm = arm_of(section.side, section.segments, ranges, file=file, key=key)
     began = time.perf_counter()
@@ -55,7 +55,7 @@ def reached(section: ArmInPlane, ranges: AnyRange, *, file: str, key: str) -> Re
 
 
 def plane_of(section: ArmInPlane) -> dict[str, Any]:
-    """The plane and the accuracy of its boundary, as arguments of `planar_workspace`."""
+    """Arguments of `planar_workspace`: the plane, the handle's tilt, the shoulder's position and the accuracy."""
     return {
         "height": section.plane_height_m,
         "handle_tilt": tilt_of(section),
@@ -65,24 +65,24 @@ def plane_of(section: ArmInPlane) -> dict[str, Any]:
 
 
 def tilt_of(section: ArmInPlane) -> float | None:
-    """[rad] Largest tilt of the handle; None for no limit."""
+    """Largest tilt of the handle [rad]; None for no limit."""
     return None if isinstance(section.handle_tilt_deg, str) else math.radians(section.handle_tilt_deg)
 
 
 def placement_of(section: ArmInPlane) -> ShoulderPlacement:
-    """Position of the shoulder in the robot's frame."""
+    """Position and rotation of the shoulder in the robot's frame."""
     x, y, z = section.shoulder_m
     return ShoulderPlacement((x, y, z), math.radians(section.shoulder_turn_deg))
 
 
 def plane_words(section: ArmInPlane) -> str:
-    """Position of the plane, as text."""
+    """Text with the height of the plane relative to the shoulder."""
     height = section.plane_height_m
     return f"{abs(height):g} m {'above' if height > 0 else 'below'} the shoulder"
 
 
 def handle_words(section: ArmInPlane) -> str:
-    """Limit of the handle, as text."""
+    """Text with the limit of the handle's tilt."""
     tilt = section.handle_tilt_deg
     return (
         "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
@@ -90,17 +90,20 @@ def handle_words(section: ArmInPlane) -> str:
 
 
 def tilt_words(tilt: str | float) -> str:
-    """A largest tilt [deg], or none, as text."""
+    """Text with the largest tilt [deg] of the handle."""
     return "any" if isinstance(tilt, str) else f"{tilt:g} deg"
 
 
 def sets_of(trace: Trace) -> dict[str, Workspace]:
-    """The workspaces of a trace by name."""
+    """The workspaces of a trace, by the name of their range of motion."""
     return dict(zip(trace["_range"].tolist(), trace["_workspace"], strict=True))
 
 
 def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
-    """Component, ring and its vertices [m], with the first one repeated at the end."""
+    """For each closed boundary line: number of the component, number of the ring, and vertices [m].
+
+    The first vertex is repeated at the end.
+    """
     if workspace.empty:
         return
     for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):

@@ -1,6 +1,4 @@
-"""`system = "workspace"`: the reachable workspace of an arm with one or several ranges of motion; volumes if
-requested.
-"""
+"""`system = "workspace"`: reachable workspaces and volumes of an arm with one or several ranges of motion."""
 
 from __future__ import annotations
 
@@ -38,12 +36,12 @@ __all__ = ["ReachedSets", "WorkspaceProblem", "WorkspaceSystem", "plane_notes", 
 
 
 class TiltsSection(Section):
-    """Other tilts of the handle for one range of motion."""
+    """Further largest tilts of the handle, for which the area of one range of motion is computed."""
 
     range: str
-    """A name of `arm.range_of_motion`. It is not possible with a person's own range that replaces all names."""
+    """Name of a range of motion in `arm.range_of_motion`."""
     handle_tilt_deg: Annotated[list[AnyTilt], Field(min_length=1, max_length=12), Once]
-    """Largest angles between handle and vertical, `"any"` for no limit."""
+    """Largest angles between handle and vertical; `"any"` for no limit."""
 
 
 class WorkspaceProblem(Problem):
@@ -53,17 +51,17 @@ class WorkspaceProblem(Problem):
     arm: ArmOfRanges
     """The participant's arm."""
     volume: bool = False
-    """Compute also the volumes of Fig. 3(a), with the handle held as above and free."""
+    """If true, the reachable volumes are also computed, with the handle's tilt limited as in the plane, and free."""
     volume_accuracy_mm: float = Field(default=8.0, ge=1, le=50)
-    """Accuracy of the slices that make up a volume."""
+    """Accuracy of the horizontal slices of a volume."""
     volume_spacing_mm: float = Field(default=40.0, ge=5, le=500)
-    """Distance between these slices."""
+    """Distance between two slices of a volume."""
     tilts: TiltsSection | None = None
-    """The area of one range as a function of the handle's tilt."""
+    """Further largest tilts of the handle."""
 
     @model_validator(mode="after")
     def range_of_tilts_is_there(self) -> Self:
-        """Refuse the name of a range that `arm` lacks."""
+        """Refuse a `tilts.range` that `arm.range_of_motion` does not have."""
         there = ranges_by_name(self.arm.range_of_motion)
         own = isinstance(self.arm.range_of_motion, RangeOfMotion)
         if self.tilts is not None and self.tilts.range not in there and not own:
@@ -76,20 +74,20 @@ Config = ProblemFile[WorkspaceProblem]
 
 
 class ReachedSets:
-    """The reachable sets of an arm, by the name of their range of motion."""
+    """The scene of a `WorkspaceProblem`: reachable sets of an arm for each range of motion."""
 
     def __init__(self, config: Config) -> None:
         self.problem, self._file = config.problem, config.file
         self.ranges = ranges_by_name(self.problem.arm.range_of_motion)
         tilted = tilt_of(self.problem.arm) is not None
         self.held = ((True, False) if tilted else (False,)) if self.problem.volume else ()
-        """Whether the handle is held as in the plane, for each volume of a set."""
+        """For each volume of a set: whether the handle's tilt is limited as in the plane."""
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """One row for each vertex: set, component (from 1), ring (0 is the outline, holes count from 1), x and y.
+        """Trace with one row for each vertex: set, component from 1, ring (0: outline; 1, 2, ...: holes), x and y.
 
-        Kept in memory: the sets `_workspace`, their names `_range`, `_seconds`; the volumes `_volume` (sets, `held`);
-        the sets `_tilted` for other tilts.
+        Columns that are not written to files are the sets `_workspace`, their names `_range`, computing times
+        `_seconds`, volumes `_volume` (sets, `held`), and the sets `_tilted` for the further tilts.
         """
         arm, file = self.problem.arm, self._file
         found = {
@@ -130,7 +128,7 @@ class ReachedSets:
         )
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Area, shape, extent and volumes of each set, and its overlap with each other set."""
+        """Metrics: area, shape, extent and volumes of each set, and its overlap with each other set."""
         spaces, tilts = sets_of(trace), self.problem.tilts
         sets = {name: workspace_metrics(of) for name, of in spaces.items()}
         for (name, numbers), seconds in zip(sets.items(), trace["_seconds"].tolist(), strict=True):
@@ -149,16 +147,16 @@ class ReachedSets:
         return {"sets": sets, "volumes": volumes}
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """See `plane_notes`."""
+        """Notes on the plane and the sets, from `plane_notes`."""
         return plane_notes(self.problem.arm, sets_of(trace))
 
 
 WORSE = 1.0001
-"""Ratio to the requested accuracy above which a note reports the achieved one."""
+"""Ratio of achieved to required accuracy above which a note reports the achieved accuracy."""
 
 
 def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
-    """Area, shape and extent; the extent of an empty workspace is None."""
+    """Metrics of a workspace: area, shape and extent; an empty workspace has the extent None."""
     bounds: tuple[float, ...] | tuple[None, ...] = workspace.polygon.bounds if not workspace.empty else (None,) * 4
     return {
         "empty": workspace.empty,
@@ -172,14 +170,14 @@ def workspace_metrics(workspace: Workspace) -> dict[str, Any]:
 
 
 def fraction_inside(workspace: Workspace, larger: Workspace) -> float | None:
-    """Fraction of a workspace's area that lies in another one; None where it has no area."""
+    """Fraction of a workspace's area that lies in `larger`; None for an empty workspace."""
     if workspace.empty:
         return None
     return float(workspace.polygon.intersection(larger.polygon).area / workspace.area)
 
 
 def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterator[str]:
-    """Notes for a reader of the areas."""
+    """Notes on the plane, the handle, empty workspaces, missed accuracies and the robot's frame."""
     yield f"the plane lies {plane_words(section)}; {handle_words(section)}"
     yield "computed from joint limits and segment lengths alone, without muscles, contact and effort"
     for name, workspace in spaces.items():
@@ -199,7 +197,7 @@ def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterato
 
 
 def volume_metrics(volume: ReachableVolume) -> dict[str, Any]:
-    """Size of a volume and its error bound."""
+    """Metrics of a reachable volume: size, error bound and number of slices."""
     return {
         "volume_m3": volume.volume,
         "volume_bound_m3": volume.volume_bound,
@@ -209,26 +207,26 @@ def volume_metrics(volume: ReachableVolume) -> dict[str, Any]:
 
 
 class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
-    """The reachable workspaces of an arm."""
+    """System of the reachable workspaces of an arm."""
 
     schema = WorkspaceProblem
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, ReachedSets]:
-        """All ranges of motion together."""
+        """One scene with all ranges of motion."""
         return {(): ReachedSets(config)}
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """One column for each range of motion; volumes with the handle held as in the plane, or free."""
+        """Columns of the table, one for each range of motion, with areas and volumes."""
         sets, volumes = outcome.metrics["sets"], outcome.metrics["volumes"]
         return {name: {**numbers, "volume": volumes.get(name, {})} for name, numbers in sets.items()}
 
     def caption(self, outcome: Outcome) -> str:
-        """Plane and handle."""
+        """Caption of the table: plane and handle."""
         (scene,) = outcome.scenes.values()
         return f"plane {plane_words(scene.problem.arm)}, {handle_words(scene.problem.arm)}"
 
     def check(self, config: Config) -> tuple[str, ...]:
-        """Build the arms."""
+        """Build the arms, which checks their segments and ranges of motion."""
         self.arms(config)
         return ()
 
@@ -241,7 +239,7 @@ class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
         }
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """See `workspaces.figures`."""
+        """Figures of a run, from the module `workspaces.figures`."""
         from rehab_opt.session.workspaces.figures import figures  # noqa: PLC0415  (draws)
 
         return figures(outcome)
