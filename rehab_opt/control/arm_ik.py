@@ -132,10 +132,6 @@ class ArmIK(OneThread):
     nearest_starts : number of start postures in the search for the nearest reachable position.
     table_size : number of postures from which the start postures are picked.
     compile : see `BufferedFunction`; a new geometry compiles once, in two seconds.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -185,17 +181,10 @@ class ArmIK(OneThread):
         return _rebuilt, (self.arm, self._arguments)
 
     def solve(self, position: ArrayLike, start: ArrayLike | None = None) -> IKSolution:
-        """Find a posture for one hand position.
+        """Find a posture for a hand position (3,) [m] in the base frame; a wrong shape raises `ConfigurationError`.
 
-        Parameters
-        ----------
-        position : (3,) [m] in the base frame.
-        start : (n,) [rad] start of a local search, and previous posture for the costs of change; None tries several
-            starts.
-
-        Raises
-        ------
-        ConfigurationError : wrong shape.
+        `start` (n,) [rad] starts a local search and is the previous posture for the costs of change. None tries several
+        starts.
         """
         target = _numbers("position", position, (3,))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
@@ -203,12 +192,10 @@ class ArmIK(OneThread):
             return self._answer(target, History(previous=q, origin=q))[0]
 
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
-        """Find postures along a path; each search starts at the previous posture.
+        """Find postures along hand positions `path` (N, 3) [m] in the base frame; each search starts at the previous
+        posture.
 
-        Parameters
-        ----------
-        path : (N, 3) [m] hand positions in the base frame, in order.
-        start : (n,) [rad] posture before the first sample; None tries several starts for the first sample.
+        `start` (n,) [rad] is the posture before the first sample; None tries several starts for the first sample.
         """
         targets = _numbers("path", path, (-1, 3))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))

@@ -105,9 +105,7 @@ class Postures:
         )
 
     def nearest(self, q: Array, poses: Array, *, rounds: int, pull: float = 0.0) -> tuple[Array, Array]:
-        """Postures (M, m) nearest to the poses (M, 4, 4), found from q, and their errors; 1 is an error at the
-        tolerance.
-        """
+        """Postures (M, m) nearest to the poses (M, 4, 4), searched from q, and their errors over the tolerance."""
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         about, damping = q, np.full(len(q), DAMPING)
         q = np.clip(q, lower, upper)

@@ -27,8 +27,7 @@ class Assistance(BoundedForce):
     """Force on a hand [N] from a field, gated by a workspace and bounded as in `BoundedForce`.
 
     In the therapy modes ("stretch", "assist", "resist") the desired force is zero inside the comfortable workspace.
-    There the delivered force never grows, and it is zero after at most force_limit / slew_limit seconds. Several
-    threads may share a field and a workspace.
+    There the delivered force never grows, and it is zero after at most force_limit / slew_limit seconds.
 
     Parameters
     ----------
@@ -37,13 +36,8 @@ class Assistance(BoundedForce):
     mode : "stretch", "assist", "resist", "follow" or "hold", see `gated_force`.
     force_limit : [N] largest size of the force.
     onset : [m] distance outside the boundary over which the force of a therapy mode grows; zero gives Eq. (23).
-    return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back into the workspace in the modes
-        "follow" and "hold", see `gated_force`.
+    return_stiffness, return_force : [N/m, N] of the pull back into the workspace in the modes "follow" and "hold".
     bounds : all other arguments of `BoundedForce`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     comfortable: Workspace = setting()
@@ -124,14 +118,11 @@ class Assistance(BoundedForce):
         return self._by[0], self._by[1]
 
     def shift(self, dx: float, dy: float) -> None:
-        """Set the field's offset (dx, dy) [m] from its original position, for a moving target.
+        """Set the field's offset (dx, dy) [m] from its original position, for a moving target; `set_field` resets the
+        offset.
 
-        Call it in every tick with a smooth motion; the force follows within its slew limit. `set_field` resets the
-        offset. A NaN offset releases the force.
-
-        Raises
-        ------
-        ConfigurationError : not two real numbers.
+        The force follows within its slew limit. A NaN offset releases the force; a wrong type raises
+        `ConfigurationError`.
         """
         try:
             to_x, to_y = float(0.0 + dx), float(0.0 + dy)

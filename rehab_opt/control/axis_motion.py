@@ -98,10 +98,7 @@ def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
 
 
 def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
-    """Smallest and largest position [u] of one axis of a Ruckig profile, also where Ruckig's own `extent` is wrong.
-
-    If an axis reverses at constant acceleration, Ruckig considers only the ends of that piece.
-    """
+    """Smallest and largest position [u] of one axis of a Ruckig profile, including reversals."""
     v = profile.v
     if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
         return extent.min, extent.max

@@ -5,11 +5,9 @@ to g(x_h). The participant's force F returns to the helper as J(x_h)' F with the
 same on both sides.
 
 Each side has its own force bounds and energy tank. The sides exchange messages, which may be delayed or lost. Every
-message transfers a fraction of the sender's tank, so that the work of one hand can move the other. In sum the forces
-deliver at most the tanks' initial energy plus the work of the hands.
-
-Messages are numbered. A duplicate, or a message older than the last one, is ignored, so energy never counts twice. A
-number that leaps by more than 100 counts only once its successor arrives.
+message transfers a fraction of the sender's tank. In sum the forces deliver at most the tanks' initial energy plus the
+work of the hands. Messages are numbered; a duplicate, or a message older than the last one, is ignored. A number that
+leaps by more than 100 counts only once its successor arrives.
 """
 
 from __future__ import annotations
@@ -39,16 +37,12 @@ class BilateralCommand(NamedTuple):
 class Bilateral(OneThread):
     """Both sides in one process with a delay between them, for simulation or for two robots on one computer.
 
-    The object and its sides belong to one thread, see `OneThread`.
+    A wrong type of side, different ticks and an invalid delay raise `ConfigurationError`.
 
     Parameters
     ----------
     helper, participant : the sides, with equal `dt`.
     delay : [s] one way; the attribute `delay` is this value rounded to whole ticks.
-
-    Raises
-    ------
-    ConfigurationError : a wrong type of side, different ticks, an invalid delay.
     """
 
     def __init__(self, helper: HelperSide, participant: ParticipantSide, *, delay: float = 0.0) -> None:

@@ -84,8 +84,6 @@ class _Messages:
 class ParticipantSide(OneThread):
     """Pull the participant's hand to the image of the helper's hand, inside the participant's comfortable workspace.
 
-    An object belongs to one thread, see `OneThread`. The other side may run in another thread with the same map.
-
     Parameters
     ----------
     workspace_map : from the helper's workspace to the participant's.
@@ -93,10 +91,6 @@ class ParticipantSide(OneThread):
     stiffness, damping : [N/m], [N s/m] of the spring.
     exchange : [1/s] fraction of the tank's free energy that is sent per second.
     force_limit : [N]. bounds : see `BoundedForce`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -124,8 +118,7 @@ class ParticipantSide(OneThread):
     def reset(self) -> None:
         """Set the force to zero, fill the tank and forget all messages.
 
-        Serial numbers continue, but restart with a new object. If one side is a new object, replace the other side,
-        too.
+        Serial numbers continue, but restart with a new object. If one side is a new object, replace the other, too.
         """
         self._claim()
         self.force.reset()
@@ -162,10 +155,6 @@ class HelperSide(OneThread):
     workspace_map, exchange, force_limit, bounds : as in `ParticipantSide`.
     damping : [N s/m] of the helper's hand.
     return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back into the map's source workspace.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -205,9 +194,7 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """Last received hand (2,) [m] of the participant in the helper's workspace; NaN if there is none. Takes a
-        Newton solve.
-        """
+        """Last received hand (2,) [m] of the participant in the helper's workspace, by a Newton solve; NaN if none."""
         return self.workspace_map.preimage(_floats(*self._partner))
 
     def step(

@@ -86,26 +86,21 @@ class BoundedForce(OneThread):
     force_limit : [N] largest size of the force.
     slew_limit : [N/s] largest change per nominal tick, as the length of a vector. It must be large enough for the force
         to damp oscillations, see `rehab_opt.field.settling`.
-    growth_limit : [N/s] largest growth rate of the force above its recent maximum, which decreases by force_limit / 2
-        per second.
+    growth_limit : [N/s] largest growth of the force above its recent maximum, which falls by force_limit / 2 per
+        second.
     energy_budget : [J] net energy that may be delivered to the hand until `reset`; see `EnergyTank`.
     speed_cap : [m/s] hand speed above which the force is released.
     actuation_delay : [s] sum of the delays from a command to its force and from a position to `step`.
     actuation_lag : [s] time constant at which the acting force follows the command.
     actuation_uncertainty : [s] by which delay and lag may each be larger. The energy count considers all forces of the
-        last delay + 5 lag, see `EnergyTank`. If delay, lag and uncertainty are all zero, it considers only the last
-        command.
+        last delay + 5 lag, or only the last command if delay, lag and uncertainty are zero.
     position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
-        learnt within 0.2 s, up to 1.2 mm. The energy count treats noise as motion. If the force depends on the
-        velocity, pass a filtered velocity; with a noisy one the energy count is wrong.
+        learnt within 0.2 s, up to 1.2 mm. If the force depends on the velocity, pass a filtered velocity; with a noisy
+        one the energy count is wrong.
     velocity_lag : [s] lag of the velocity that is estimated if none is passed; half a tick is added.
     trust_stillness : accept exactly repeated positions. By default they count as a possibly frozen sensor: energy is
         reserved meanwhile, and the force falls if none is left.
     dt : [s] nominal tick. solver, backup, tolerance, compile : see `FallbackChain`. max_age : [s] see `Watchdog`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     valid: bool
@@ -218,16 +213,10 @@ class BoundedForce(OneThread):
         return assistance_statement()
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
-        """Reset the state.
+        """Reset the state; by default refill the tank (`energy`).
 
-        Parameters
-        ----------
-        energy : whether to refill the tank.
-        force : (2,) [N] force that currently acts on the hand. It is released if the energy does not allow it.
-
-        Raises
-        ------
-        ConfigurationError : a force above its limit, or not two numbers.
+        `force` (2,) [N] acts on the hand now. It is released if the energy does not allow it. A force that is not two
+        numbers, or above its limit, raises `ConfigurationError`.
         """
         acting = _pair("force", force)
         if not math.hypot(*acting) <= self.force_limit:
@@ -266,12 +255,7 @@ class BoundedForce(OneThread):
         return self._now[_PLACE], self._now[_PLACE + 1]
 
     def give_energy(self, fraction: float) -> float:
-        """Take a fraction of the tank's free energy for another tank and return that energy [J].
-
-        Raises
-        ------
-        ConfigurationError : the fraction is negative or not a number.
-        """
+        """Take a `fraction` >= 0 of the tank's free energy for another tank and return that energy [J]."""
         if self._owner != get_ident():
             self._refuse_others()
         part = checked_number("fraction", fraction, above=-1e-12)
@@ -300,16 +284,14 @@ class BoundedForce(OneThread):
     ) -> Command:
         """Compute the force (2,) [N] to hold until the next tick; an invalid state gives a release and a reason.
 
+        Arguments of a wrong shape raise `ConfigurationError`.
+
         Parameters
         ----------
         x : (2,) [m] current hand position.
         v : (2,) [m/s] hand velocity; estimated from the positions by default.
         enable : dead man's switch; anything but True releases the force.
         stamp : [s] time of the position; the watchdog checks it.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()

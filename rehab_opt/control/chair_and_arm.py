@@ -51,11 +51,10 @@ class ChairAndArm(VelocityController):
     - r: commanded twist; w: the part of the last hand motion off r that is still allowed; e: the remaining deviation.
     - z = q + T u: stop posture if all joints now brake together, see `BrakingTogether`. J: Jacobian at mid-tick.
     - t: Eq. (1), or the answer nearest to it that the accelerations allow (`HandTask`), within the joint speeds.
-    - b: that answer if it satisfies all bounds, else u_last (1 - dt/T), so that a chair whose hand stands still comes
-      to rest.
+    - b: that answer if it satisfies all bounds, else u_last (1 - dt/T), so that a chair at rest stays at rest.
 
-    Without a commanded twist all joints brake together as hard as the accelerations allow, and then rest. See
-    `RedundancyResolver` for the parameters.
+    Without a commanded twist all joints brake together as hard as the accelerations allow. For the parameters see
+    `RedundancyResolver`.
     """
 
     requirement = "the rows are dependent at this posture"
@@ -182,9 +181,7 @@ class ChairAndArm(VelocityController):
         return stated.finish_at(ca.vertcat(self._base, 0, 0))
 
     def beginning(self) -> ca.Function:
-        """CasADi function of velocity (n,), the chair's part in its own frame, and heading [rad]; see
-        `VelocityController`.
-        """
+        """Function: velocity (n,), the chair's in its own frame, and heading [rad] -> see `VelocityController`."""
         velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
         state, possible = super().beginning()(velocity)
         state[self.memory_at + self.chain.n + 2] = heading  # used if the first position is invalid

@@ -77,17 +77,14 @@ class ChairLimits:
 
     If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
     accelerations allow. A command that moves into or deeper into an obstacle or keep-out, or beyond a user's limit, is
-    blended with braking, and if need be with rest (`kept`). Only then is the acceleration limit relaxed.
-
-    The rows of a user's limits and of a `Clearance` also hold on the way to z, with moving bodies at their current
-    positions. While the stick commands a motion, `base` moves away from approaching bodies; this may exceed the
-    acceleration limit.
+    blended with braking, and if need be with rest (`kept`). Only then is the acceleration limit relaxed. The rows of a
+    user's limits and of a `Clearance` also hold on the way to z, with moving bodies at their current positions. While
+    the stick commands a motion, `base` moves away from approaching bodies, which may exceed the acceleration limit.
 
     Parameters
     ----------
     robot, wheels : see `RedundancyResolver`. max_obstacles : largest number of obstacles. dt : tick [s].
-    own : a user's limits, and clearance.
-    recovery_speed : largest speed of a joint that returns into its limits, as a fraction of its speed limit.
+    own : a user's limits, and clearance. recovery_speed : see `RedundancyResolver`.
     """
 
     def __init__(
@@ -112,9 +109,7 @@ class ChairLimits:
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """Limits at joint values q (n,) after the command `last` (n,), with the numbers of obstacles and moving
-        capsules.
-        """
+        """Limits at joint values q (n,) after the command `last` (n,), with the numbers of obstacles and capsules."""
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last))
         obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
         towards, nearest = self.obstacles.limits(tick, obstacles, q, last)
@@ -246,10 +241,7 @@ class ChairLimits:
         return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
-        """Limits of rim speeds and of the chassis speed (a polygon for two components); none for a fixed base.
-
-        If the hardest braking lies outside the polygon, its side moves out to it, and the adjacent sides move in.
-        """
+        """Limits of rim speeds and, as a polygon that contains the hardest braking, of the chassis speed."""
         chain, (rows, upper) = self.robot.chain, self.wheels.rims
         rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))
         if not self.wheels.holonomic:

@@ -38,13 +38,10 @@ TIGHTER = 1e-7
 class ChairObstacles:
     """Rows on the chair's velocity (3,), in its own frame, for one obstacle from `obstacle_numbers`.
 
-    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes. The remaining speed is
-    negative if the gap is below its margin; then the chair brakes harder.
-
-    A wall has rows for its two nearest corners: one at the current posture, one on the way to the stop posture. A post
-    has a row at the outline's nearest point now, and rows for its path past the braking chair, half-way and at the end.
-    The rows of the path use a separating line beside the chair, since the outline could cut the path between two
-    places.
+    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes; a negative one makes the chair
+    brake harder. A wall has rows for its two nearest corners: one at the current posture, one on the way to the stop
+    posture. A post has a row at the outline's nearest point now, and rows for its path past the braking chair, half-way
+    and at the end. The rows of the path use a separating line beside the chair.
 
     Parameters
     ----------
@@ -107,9 +104,7 @@ class ChairObstacles:
 
     @cached_property
     def no_deeper(self) -> ca.Function:
-        """Function: obstacle (4,), place (3,), velocity (3,) -> 1 if no straight motion and no arc moves deeper into
-        it.
-        """
+        """Function: obstacle (4,), place (3,), velocity (3,) -> 1 if neither a line nor an arc moves deeper into it."""
         one, place, u = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("u", CHAIR)
         cos, sin, verdict = ca.cos(place[2]), ca.sin(place[2]), []
 
@@ -186,8 +181,8 @@ class ChairObstacles:
     def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
         """Normal (2,), fixed in the chassis, of the line with the largest gap between outline and a post's path.
 
-        The search of Gilbert, Johnson and Keerthi finds this line on the hull of all differences between corners and
-        post positions. Braking leaves a part of that path, so the gap never decreases while the chair brakes.
+        The search of Gilbert, Johnson and Keerthi finds it. Braking leaves a part of the path, so the gap never
+        decreases.
         """
         centre, radius = each.post[:2], each.post[2]
         way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
@@ -214,9 +209,7 @@ class ChairObstacles:
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """Column (8,) of a row now and a row on the way to the stop posture, each with its remaining speed [m/s]; least
-        gap.
-        """
+        """Column (8,) of a row now and a row on the way to rest, each with its remaining speed [m/s]; least gap."""
         time = self.braking.time
         least, now = gap_after(slower, 0.0)
         first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))

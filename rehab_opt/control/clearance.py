@@ -29,14 +29,13 @@ class Clearance:
     grad d . q' + n . (-v) >= -rate (d - margin)
 
     with n the direction from body to link and v the velocity of the body's nearest point. The QP has rows for the
-    `max_contacts` contacts nearest to their barriers; all pairs are checked at the end of the tick.
-
-    If joints move as commanded and moving bodies move as passed, the following holds at the ends of ticks:
+    `max_contacts` contacts nearest to their barriers; all pairs are checked at the end of the tick. If joints move as
+    commanded and moving bodies move as passed:
     - Fixed bodies: no pair comes nearer than `margin`, and a pair that is already nearer gets no nearer, also while
       braking.
     - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no
-      such velocity keeps every pair clear, or the arm brakes because it is not enabled, the body may come nearer by its
-      own motion. The arm's motion never adds to that, and `Relaxed.POSITION` reports it.
+      such velocity keeps every pair clear, or the arm is not enabled, the body may come nearer by its own motion. The
+      arm's motion never adds to that, and `Relaxed.POSITION` reports it.
 
     Parameters
     ----------
@@ -66,9 +65,7 @@ class Clearance:
 def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Clearance:
     """Checked clearance with resolved names.
 
-    Raises
-    ------
-    ConfigurationError : an invalid number or body, a robot without capsules, nothing to keep clear of.
+    Raises `ConfigurationError` for an invalid number or body, a robot without capsules, or nothing to keep clear of.
     """
 
     def refuse(name: str, value: object, expected: str) -> ConfigurationError:

@@ -1,8 +1,7 @@
 """Pairs of bodies of an arm and its surroundings: functions of distances and of the nearest contacts.
 
 Every function takes joint positions q (n,), moving capsules (14 k,) from `moving_numbers`, and the time [s] for which
-the capsules move on. One function per kind of pair is mapped over all pairs, so the code does not grow with their
-number.
+the capsules move on.
 """
 
 from __future__ import annotations
@@ -133,8 +132,8 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Function: q, last velocity, moving capsules, time -> column of the contacts with the least room, see `read`.
 
-        The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at half of the
-        time, and their distances are extrapolated back to now.
+        The last entry is the least distance of all pairs at q minus the margin. Contacts are extrapolated from half of
+        the time.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
@@ -324,9 +323,7 @@ class ClearancePairs:
 
     @cached_property
     def _approaches(self) -> ca.Function:
-        """Function: screws, last velocity, plane contacts -> `Approach` (11, pairs) per kind, room of the plane
-        contacts.
-        """
+        """Function: screws, last velocity, plane contacts -> `Approach` (11, pairs) per kind, room of the contacts."""
         n, balls = self.chain.n, ca.SX.sym("balls", CONTACT, self._spans_of_balls.shape[1])
         screws, last = ca.SX.sym("screws", 6, n), ca.SX.sym("last", n)
         moves = [ca.SX.zeros(6)]
@@ -350,9 +347,7 @@ class ClearancePairs:
         return ca.Function("approaches", [screws, last, balls], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _rows(self, k: int) -> ca.Function:
-        """Function: contacts (8, k), their joints (2, k), screws, last velocity, time -> distances, their rates,
-        slopes.
-        """
+        """Function: contacts (8, k), joints (2, k), screws, last velocity, time -> distances, their rates, slopes."""
         n = self.chain.n
         contacts, spans, screws = ca.SX.sym("contacts", CONTACT, k), ca.SX.sym("spans", 2, k), ca.SX.sym("screws", 6, n)
         last, time = ca.SX.sym("last", n), ca.SX.sym("time")
@@ -373,10 +368,7 @@ class ClearancePairs:
 
 
 def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, int], ...]:
-    """Pairs of link numbers that keep clear of each other; first the link that more joints move.
-
-    The default are all pairs whose frames are not adjacent and that overlap in less than half of random postures.
-    """
+    """Pairs of link numbers that keep clear of each other, the link that more joints move first; see `Clearance`."""
     links = chain.capsules
     every = [(i, j) if links[i].frame >= links[j].frame else (j, i) for i in range(len(links)) for j in range(i)]
     if clearance.pairs is not None:

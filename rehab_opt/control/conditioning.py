@@ -110,8 +110,7 @@ class Conditioner(OneThread):
     Positions and rotations are interpolated linearly at even ticks. Then each coordinate, also of the quaternion,
     passes a low-pass filter of two equal poles. Sight counts as lost between samples more than `max_gap` apart, and if
     the hand would have moved faster than possible; then the filter restarts. Lost ticks are returned once sight is
-    back. If stamps jump by more than 600 s, the clock was changed, and times continue from there. An object belongs to
-    one thread, see `OneThread`.
+    back. If stamps jump by more than 600 s, the clock was changed, and times continue from there.
 
     Parameters
     ----------
@@ -141,9 +140,7 @@ class Conditioner(OneThread):
 
     @property
     def lag(self) -> float:
-        """[s] Lag of the filter in steady motion, 2 (1 - a)/a ticks with the filter's gain a; live, add a sample
-        interval.
-        """
+        """[s] Lag of the filter in steady motion, 2 (1 - a)/a ticks with its gain a; live, add a sample interval."""
         return 2.0 * (1.0 - self.gain) / self.gain * self.dt
 
     def reset(self) -> None:
@@ -161,12 +158,8 @@ class Conditioner(OneThread):
         return self._stretches.dropped
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
-        """Process one sample and return the even samples (none, one or many) that it completes.
-
-        Parameters
-        ----------
-        stamp : [s]
-        position, quaternion : (3,) [m], (4,) x, y, z, w.
+        """Even samples (none, one or many) that one sample completes: stamp [s], position (3,) [m], quaternion x, y, z,
+        w.
         """
         if self._owner != get_ident():
             self._claim()
@@ -237,9 +230,7 @@ def conditioned(
 ) -> Conditioned:
     """Condition a recording: stamps (N,) [s], positions (N, 3) [m], quaternions (N, 4); see `Conditioner`.
 
-    Raises
-    ------
-    ConfigurationError : wrong shapes, no stretch of valid samples, or a gap of more than 600 s.
+    Raises `ConfigurationError` for wrong shapes, no stretch of valid samples, or a gap of more than 600 s.
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 

@@ -1,9 +1,9 @@
 """Nearest contacts of two bodies as expressions: capsule and capsule, capsule and box, ball and half-space.
 
-The distance of two capsules is that of their segments minus their radii. For parallel segments it is not smooth: a
-small tilt moves the nearest point from one end to the other. So each function returns several contacts: the nearest
-points, and the points at which two parallel bodies would touch first after a tilt. Each contact joins two material
-points, so its distance is smooth. Rows on all contacts do not chatter, unlike a row on the nearest contact alone.
+The distance of two parallel segments is not smooth: a small tilt moves the nearest point from one end to the other. So
+each function returns several contacts: the nearest points, and the points at which two parallel bodies would touch
+first after a tilt. Each contact joins two material points, so its distance is smooth. Rows on all contacts do not
+chatter, unlike a row on the nearest contact alone.
 
 A contact is a column of `CONTACT` numbers: distance [m]; unit normal (3,), from the other body towards the first;
 moment p x normal (3,) [m] with the contact point p; velocity of the other body's point along the normal [m/s]. A
@@ -40,8 +40,8 @@ BESIDE, AGAIN = 5e-4, 1.0
 class Approach(NamedTuple):
     """Relative motion of two bodies, and flags of ends that another pair covers.
 
-    The room of a contact is its distance minus `lead` times its closing speed, so fast bodies get rows before near ones
-    at rest. A pair's room is that of its nearest contact.
+    The room of a contact is its distance minus `lead` times its closing speed. A pair's room is that of its nearest
+    contact.
     """
 
     twist: ca.SX
@@ -73,8 +73,7 @@ def capsule_and_capsule(
     Parameters
     ----------
     first, other : (3,), (3,) [m] ends of their segments; equal ends make a ball.
-    radii : [m] sum of both radii. speeds : (3,), (3,) [m/s] velocities of the other capsule's ends. near : see
-        `Approach`.
+    radii : [m] sum of both radii. speeds : (3,), (3,) [m/s] of the other capsule's ends. near : see `Approach`.
     """
     (a, a_end), (b, b_end) = first, other
     along, across = a_end - a, b_end - b
@@ -150,9 +149,8 @@ def capsule_and_box(
 
     Parameters
     ----------
-    ends : (3,), (3,) [m] of the capsule's segment. turn : (3, 3) axes of the box as columns. centre : (3,) [m] of the
-        box.
-    half : (3,) [m] half its sizes. radius : [m] of the capsule. near : see `Approach`.
+    ends : (3,), (3,) [m] of the capsule's segment. radius : [m] of the capsule. near : see `Approach`.
+    turn : (3, 3) axes of the box as columns. centre : (3,) [m] of the box. half : (3,) [m] half its sizes.
     """
     start, stop = (turn.T @ (end - centre) for end in ends)
     along = stop - start
@@ -208,9 +206,8 @@ def capsule_and_box(
 
 
 def _way_out(start: ca.SX, stop: ca.SX, half: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Direction (3,) and length [m] of a segment's shortest way out of a box, in its axes; and its last point inside.
-
-    The length considers the box's axes and their cross products with the segment, the direction only the faces.
+    """Direction (3,) to the nearest face and length [m] of the shortest way of a segment out of a box; last point
+    inside.
     """
     middle, along = (start + stop) / 2, stop - start
     faces = half + ca.fabs(along) / 2 - ca.fabs(middle)

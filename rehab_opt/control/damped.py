@@ -22,8 +22,7 @@ def damped_velocity(
 ) -> ca.SX:
     """Joint velocities (n,) by iterated damped least squares: J'(K^-1 + d K^-2 + ...) v with K = J J' + d I.
 
-    J is the Jacobian, v the twist, d the damping. The part of `drift` (n,) that does not move the hand is added, for
-    the posture of redundant chains.
+    J is the Jacobian, v the twist, d the damping. The part of `drift` (n,) that does not move the hand is added.
     """
     k = jacobian.size1()
     diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + damping * ca.SX.eye(k), False)

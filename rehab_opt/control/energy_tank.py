@@ -28,14 +28,12 @@ FADES = 3.0
 def tank_record(slots: int) -> Record:
     """State of a tank; at first `level` is the budget and the rest is zero.
 
-    level : [J] energy left at the last valid position.
-    pending : [J] energy reserved since then.
+    level : [J] energy left at the last valid position. pending : [J] energy reserved since then.
     coming : [J] energy that the commands already sent may deliver beyond `pending`.
     disputed : [J] energy returned after hidden motion; withdrawn if a jump follows at once.
-    unseen : [s] time since the last valid position.
+    unseen : [s] time since the last valid position. gap : whether there were several ticks since then.
     varied : [J] largest additional work since then of forces other than `along`.
     peak : [N] largest force since then. along : (2,) [N] first force since then.
-    gap : whether there were several ticks since then.
     lately, swing : [N] largest force so far, and accumulated change of the force, both fading.
     x, y, around, impulse, seconds : (slots,) per time slot, newest first: centre and radius [N] of a disc with all its
         forces, integral of their size [N s], and duration [s].
@@ -55,17 +53,15 @@ class EnergyTank:
     measured.
 
     A force acts with a delay of up to `window`, except for a lagging remainder. So a step dx costs the largest F.dx
-    over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. A command already sent can
-    still deliver at most its impulse times the speed cap. `ceiling` is the largest force F that leaves enough energy
-    for a release within the slew limit after a tick of length `late`:
+    over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. `ceiling` is the largest
+    force F that leaves enough energy for a release within the slew limit after a tick of length `late`, with the forces
+    F_j under way:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    A hand below the speed cap therefore never draws more than the budget. Assumptions: the hand moves straight between
-    samples, and a force acts at most `window` late.
-
-    Numbers are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the last command,
-    then `seen` or `jumped`, or neither.
+    A hand below the speed cap therefore never draws more than the budget, if it moves straight between samples. Numbers
+    are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the last command, then
+    `seen` or `jumped`, or neither.
 
     Parameters
     ----------
@@ -125,7 +121,7 @@ class EnergyTank:
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """Add a force (2,), commanded for `seconds` or at most `at_most`, to the newest slot, or to a new one if it is
+        """Add a force (2,), commanded for `seconds`, at most `at_most`, to the newest slot, or to a new one if it is
         full.
         """
         now, x, y = self.numbers, force[0], force[1]

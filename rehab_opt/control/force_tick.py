@@ -251,8 +251,8 @@ def anew(slots: int) -> ca.Function:
 
 @cache
 def hear(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`,
-    those two.
+    """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`, the
+    two.
 
     A message is new if its serial exceeds that of every accepted message, and exceeds that of the newest or of the last
     received message by at most `LEAP`. Other messages give NaN and no energy.
@@ -281,9 +281,7 @@ def say(slots: int) -> ca.Function:
 
 @cache
 def give(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, last force (2,), fraction of the energy to send -> `watched_record`, energy
-    [J].
-    """
+    """Function: `MODEL`, `watched_record`, last force (2,), fraction of the energy -> `watched_record`, energy [J]."""
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     force, fraction = ca.SX.sym("force", 2), ca.SX.sym("fraction")
     tank, energy = _tank(watched.tank, model, slots).given(fraction, force)

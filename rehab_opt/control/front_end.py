@@ -1,12 +1,10 @@
 """Commanded positions of the joints, integrated from the commands and corrected by measurements.
 
-A controller acts on the commanded positions, which delay and noise do not disturb:
-
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
-Here led is the commanded position. [low, high] is its low-passed range over the last LATE to 2 LATE, relative to its
-current value. A servo with a delay or lag of up to LATE keeps its joint in this range. At rest the range is empty, so
-the commanded position moves to the encoder, also if the joint is pushed, sags or sticks.
+Here led is the commanded position, which delay and noise do not disturb. [low, high] is its low-passed range over the
+last LATE to 2 LATE, relative to its current value. A servo with a delay or lag of up to LATE keeps its joint in this
+range. At rest the range is empty, so the commanded position moves to the encoder.
 """
 
 from __future__ import annotations
@@ -61,8 +59,7 @@ def led_memory(n: int) -> Record:
 class FrontEnd:
     """Track the commanded positions of n joints at ticks of dt [s].
 
-    The first `base` joints are the position of a base. A base may lack a measurement, so its values are used directly
-    and checked only after they first change.
+    The first `base` joints are the position of a base, whose values are used directly and checked only after a change.
 
     Attributes
     ----------

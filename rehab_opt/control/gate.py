@@ -1,7 +1,4 @@
-"""Gate of assistance as functions: Eq. (23), Rossa et al., and its counterpart of section VI.
-
-C code is generated from the same functions.
-"""
+"""Gate of assistance as functions for Python and C: Eq. (23), Rossa et al., and its counterpart of section VI."""
 
 from __future__ import annotations
 
@@ -53,12 +50,7 @@ FIELD = Record(sharpness=1, damping=2)
 
 
 def check_mode(mode: Mode, field: PotentialField) -> None:
-    """Raise an error for an unknown mode, or a mode that does not fit the field's drag.
-
-    Raises
-    ------
-    ConfigurationError : an invalid mode.
-    """
+    """Raise `ConfigurationError` for an unknown mode, or a mode that does not fit the field's drag."""
     if mode not in get_args(Mode):
         raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
     resists = field.drag < 0 or (field.drag > 0 and field.drag_along == "travelled")
@@ -79,20 +71,11 @@ def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Funct
 
     The modes stretch, assist and resist give zero force inside the comfortable workspace; outside it the field grows to
     full size over the onset. The modes follow and hold apply the field inside; outside, a bounded force pulls the hand
-    back to the nearest comfortable point. A NaN offset of the field gives NaN.
+    back to the nearest comfortable point. A NaN offset of the field gives NaN. The field's pull is limited to
+    `pull_limit` [N] before the damping is subtracted, so that damping acts far from the target, too.
 
-    The field's pull is limited to `pull_limit` [N] before the damping is subtracted, so that damping acts far from the
-    target, too.
-
-    Parameters
-    ----------
-    edges, samples : rows of the tables.
-    in_blocks : whether the samples are for `field_function_in_blocks`, else for `field_function`.
-
-    Returns
-    -------
-    Position [m] and velocity [m/s] of the hand (4,), offset of the field (2,) [m], `GATE`, `edge_columns` of the
-    workspace, `FIELD`, its samples -> desired force (2,) [N].
+    Inputs: position [m] and velocity [m/s] of the hand (4,), offset of the field (2,) [m], `GATE`, `edge_columns` of
+    the workspace, `FIELD`, its samples (`in_blocks`: for `field_function_in_blocks`). Output: desired force (2,) [N].
     """
     pull = field_function_in_blocks(samples) if in_blocks else field_function(samples)
     inputs = [ca.MX.sym("input", pull.sparsity_in(i)) for i in range(3)]
@@ -131,8 +114,8 @@ def _gated() -> ca.Function:
 def guided_force(edges: int) -> ca.Function:
     """Function of a spring to a path point, damped only across the path, inside the workspace; see `gated_force`.
 
-    Position [m] and velocity [m/s] of the hand (4,), path point (2,) [m], direction of the path there (2,), fraction of
-    the force, `SPRING`, `GATE`, `edge_columns` of the workspace -> desired force (2,) [N].
+    Inputs: position [m] and velocity [m/s] of the hand (4,), path point (2,) [m], direction of the path there (2,),
+    fraction of the force, `SPRING`, `GATE`, `edge_columns` of the workspace. Output: desired force (2,) [N].
     """
     hand, place, along, fraction = (ca.SX.sym("input", n) for n in (4, 2, 2, 1))
     spring, gate, where = SPRING.symbols("spring"), GATE.symbols("gate"), ca.SX.sym("where", 3)
@@ -154,10 +137,9 @@ def guided_force(edges: int) -> ca.Function:
 def reflected_force(edges: int) -> ca.Function:
     """Function of a force from the image of the hand, through the map's transposed Jacobian, with damping.
 
-    Outside the workspace the force pulls back to the nearest point. A NaN force at the image gives NaN, a release.
-
-    Position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), force at the image (2,) [N], damping [N
-    s/m], `PULL_BACK`, `edge_columns` of the workspace -> desired force (2,) [N].
+    Inputs: position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), force at the image (2,) [N],
+    damping [N s/m], `PULL_BACK`, `edge_columns` of the workspace. Output: desired force (2,) [N], a pull back outside
+    the workspace.
     """
     hand, jacobian, felt, damping = (ca.SX.sym("input", *size) for size in ((4, 1), (2, 2), (2, 1), (1, 1)))
     back, where = PULL_BACK.symbols("back"), ca.SX.sym("where", 3)

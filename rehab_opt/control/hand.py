@@ -50,8 +50,7 @@ def looked_at(
 ) -> HandState:
     """Process one sample of a hand, after `force` (2,) [N] has acted since the last one.
 
-    `stale` has the watchdog's reason and details, `model` the numbers of `force_tick.MODEL`. A continuous motion above
-    the speed cap is detected by the estimated velocity, since noise hides it in a single step.
+    `stale` has the watchdog's reason and details, `model` the numbers of `force_tick.MODEL`.
     """
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)

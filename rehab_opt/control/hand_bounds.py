@@ -27,13 +27,8 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class HandBounds:
-    """Manipulability floor and keep-out planes of one arm.
-
-    Parameters
-    ----------
-    floor : least manipulability, as a fraction of `max_manipulability`.
-    max_manipulability : largest manipulability of the arm.
-    planes : keep-out planes for the arm's `guarded_points`.
+    """Manipulability floor, a fraction of `max_manipulability`, and keep-out planes for the `guarded_points` of one
+    arm.
     """
 
     chain: SerialChain
@@ -109,8 +104,8 @@ class GuardedPoint(NamedTuple):
 def guarded_points(chain: SerialChain) -> tuple[GuardedPoint, ...]:
     """Balls that represent the whole arm beside a plane: if they are clear of the plane, so is the arm.
 
-    The balls are the ends of the capsules; the origins of the frames and of the tool (first) have radius zero. A ball
-    that no joint moves, or that always lies inside another, is left out.
+    They are the ends of the capsules, the origins of the frames and of the tool (first), unless always inside another
+    ball.
     """
     origin = (0.0, 0.0, 0.0)
     balls = [GuardedPoint(frame, origin, 0.0) for frame in range(chain.n + 2)]

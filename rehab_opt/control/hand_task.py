@@ -83,11 +83,8 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True)
 class HandTask:
-    """Expressions of one tick for one set of task rows; the chair's velocities are in the chassis frame.
-
-    Parameters
-    ----------
-    robot, rows, self_motion : see `ChairAndArm`. moving : numbers, from 0, of the joints that the drive allows to move.
+    """Expressions of one tick for one set of task rows of `ChairAndArm`; the chair's velocities are in the chassis
+    frame.
     """
 
     robot: MobileArm
@@ -183,10 +180,7 @@ class HandTask:
         self, tick: Stages, q: ca.SX, last: ca.SX, direction: ca.SX, size: ca.SX, *, left: ca.SX, world: ca.SX,
         base: ca.SX, braking: BrakingTogether,
     ) -> Row:  # fmt: skip
-        """Rows (k, n) of the hand's velocity J u at the stop posture, and their bounds (k,), as tangents at `slower`.
-
-        `base` and `slower` satisfy the rows. left : [m/s or rad/s] allowed motion off the command after this tick.
-        """
+        """Rows (k, n) of the hand's velocity J u at the stop posture, and bounds (k,), as tangents at `slower`."""
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         place = q + braking.time * each
         heading = ca.if_else(world, place[2], 0)

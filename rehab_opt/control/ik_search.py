@@ -37,15 +37,7 @@ UNBOUNDED = 1e6
 
 
 class IKSearch:
-    """Searches over the k joints that can move.
-
-    Parameters
-    ----------
-    arm, handle_tilt : as in `ArmIK`; at least one joint can move.
-    manipulability : weight of the manipulability in the posture cost; 0 omits it.
-    rest : (n,) [rad] start if the table has none.
-    solver, backup, tolerance, compile, starts, nearest_starts, table_size : as in `ArmIK`.
-    """
+    """Searches over the k joints of an arm that can move, at least one; parameters as in `ArmIK`."""
 
     def __init__(
         self,
@@ -240,17 +232,12 @@ SLACK = math.radians(3.0)
 class PostureTable:
     """Postures over an arm's range of motion with the handle upright, as starts of searches; deterministic.
 
-    Parameters
-    ----------
-    statements : statements of the arm; only `measure` is used.
-    handle_tilt : [rad] or None.
-    size : number of samples; a power of two keeps the Sobol sequence balanced.
+    `size` is the number of samples; a power of two keeps the Sobol sequence balanced.
 
     Attributes
     ----------
-    postures : (N, k) [rad] free joints, inside their limits.
+    postures : (N, k) [rad] free joints, inside their limits. hands : (N, 3) [m].
     tilts : (N,) [rad] of the handle; postures outside the cone are sorted by tilt.
-    hands : (N, 3) [m].
     """
 
     def __init__(self, arm: SerialChain, statements: IKStatements, *, handle_tilt: float | None, size: int) -> None:

@@ -27,19 +27,13 @@ class IKStatements:
 
     Limits, locked values, tilt and weights are parameters, so people who differ only in these share compiled code.
 
-    Parameters
-    ----------
-    handle_tilt : [rad] largest angle between handle axis and +z0; None for no constraint.
-    manipulability : whether the posture cost contains the manipulability.
-
     Attributes
     ----------
     posture : report [distance from the target [m], handle tilt [rad]].
         Parameters: lower (k,), upper (k,), still (n,), tilt, target (3,), weight (k,), centre (k,), dexterity.
     nearest : the same report. Parameters: lower, upper, still, tilt, target, scale.
     upright : the same report. Parameters: lower, upper, still, tilt, target.
-    free : (k,) indices of the joints that can move.
-    fixed_size : number of parameter values before the target.
+    free : (k,) indices of the joints that can move. fixed_size : number of parameter values before the target.
     """
 
     def __init__(self, arm: SerialChain, *, handle_tilt: float | None, manipulability: bool = False) -> None:

@@ -1,15 +1,15 @@
 """Response of a robot hand to a measured force: admittance, a slower reference, and a stop.
 
-The admittance is passive. Its step is implicit (backward Euler), and speed and displacement are bounded by projections
-onto convex sets that contain the step's start. With E = (M x'^2 + K x^2) / 2, every tick satisfies
+The admittance is passive. Its step is implicit (backward Euler), and projections onto convex sets that contain the
+step's start bound speed and displacement. With E = (M x'^2 + K x^2) / 2, every tick satisfies
 
     F . dx >= E_after - E_before + B |x'|^2 dt
 
 A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, counts measured
 forces and positions. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`; dy is the hand's motion relative to
-its reference, and the 0.02 W compensate noise. As T falls, the damping B reserve / T grows. With an empty tank the hand
-hardly responds to forces but still returns, which fills the tank. So the hand delivers at most sum F . dy >= -reserve -
-0.02 W t after a time t, for any delay, provided that it is at its measured position.
+its reference, and the 0.02 W compensate noise. As T falls, the damping B reserve / T grows, until the hand hardly
+responds to forces but still returns, which fills the tank. A time t after rest, sum F . dy >= -reserve - 0.02 W t, less
+the energy still under way when the tank ran empty. This holds for any delay, if the hand is at its measured position.
 """
 
 from __future__ import annotations
@@ -59,14 +59,11 @@ class Interaction:
 
     The hand's QP follows the pose and twist plus displacement x and velocity x', so all bounds of the QP hold.
     Displacement that the bounds refuse beyond `SLACK` is removed from x, and the hand returns from its actual position.
-
     The reference slows down from the force `slow_from` and stands still at `limit`. At `stop_at`, or without a valid
     force, the arm decelerates to rest. The arm continues after `hold` seconds below `release` x `stop_at`.
-    `Interaction(stop_at=30.0)` stops at 30 N instead of yielding further.
 
     ISO/TS 15066, as quoted, allows 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
-    distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected: below `stop_at` the hand
-    yields to any force.
+    distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected.
     """
 
     slow_from: float = 8.0
@@ -101,11 +98,11 @@ class Interaction:
             raise ConfigurationError("stop_at", self.stop_at, f"newtons from the limit, {self.limit:g}, on")
 
     def felt_function(self, dt: float) -> ca.Function:
-        """Function: force [N] (3,), whether it is measured, state `FELT`, hand minus last reference [m] (3,) -> state,
+        """Function: force [N] (3,), whether it is measured, `FELT`, hand minus last reference [m] (3,) -> `FELT`,
         verdict.
 
-        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. An unknown hand is
-        NaN.
+        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. NaN is an unknown
+        hand.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
         old = FELT.symbols("state")
@@ -155,10 +152,7 @@ class Interaction:
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """Displacement and velocity without the part that the hand, `away` (3,) [m] from its reference, missed.
-
-        Only the part along the missing displacement is removed, so the hand still yields to a push in other directions.
-        """
+        """Displacement and velocity without the part along the displacement that the hand, `away` (3,) [m], missed."""
         refused = moved - away
         missing = ca.norm_2(refused)
         way = refused / ca.fmax(missing, 1e-12)

@@ -7,12 +7,10 @@ ticks, finite differences satisfy
 
 with the bounds V, A and J of velocity, acceleration and jerk. The state after u can stop if a continuous-time stop
 exists from u with an initial acceleration b, |b - (u - v)/dt| <= J dt/2. The velocities of this stop at the ends of
-ticks satisfy every difference. The shortest stop has jerk down to a deceleration p <= A, constant deceleration, and
-jerk up to rest. Held velocities travel further than this stop by a known distance, up to `MARGIN` J dt^3. The stopping
-distance is convex in u, so two successive chords bound it on the safe side.
+ticks satisfy every difference. Held velocities travel further than the shortest stop by a known distance, up to
+`MARGIN` J dt^3. The stopping distance is convex in u, so two successive chords bound it on the safe side.
 
-Velocity, acceleration and jerk bounds are never relaxed. A position limit is relaxed only if no velocity can satisfy it
-any more.
+A position limit is relaxed only if no velocity can satisfy it any more; the other bounds never are.
 """
 
 from __future__ import annotations
@@ -38,14 +36,10 @@ TINY = 1e-300
 
 
 class JerkBounds(NamedTuple):
-    """Bounds of joint velocities.
+    """Bounds of joint velocities of a chain at ticks of dt [s].
 
-    Parameters
-    ----------
-    chain : its position, velocity and acceleration limits.
-    jerk : (n,) [rad/s^3 or m/s^3] finite, above zero.
-    dt : [s] tick.
-    recovery_speed : fraction of the velocity limit at which a joint outside its limits returns.
+    `jerk` (n,) [rad/s^3 or m/s^3] is positive and finite. `recovery_speed` is the speed, as a fraction of the velocity
+    limit, at which a joint outside its limits returns.
     """
 
     chain: SerialChain

@@ -67,14 +67,9 @@ class Joystick(OneThread):
 
     Parameters
     ----------
-    modes : at least one; the switch cycles through them.
-    dt : tick [s].
+    modes : at least one; the switch cycles through them. dt : tick [s].
     dead_zone : fraction of the deflection that counts as zero.
     rate : [1/s] largest rate of the deflection, whose full size is 1.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -102,16 +97,13 @@ class Joystick(OneThread):
         self._give_away()
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
-        """User's current command; invalid numbers give a zero command with a reason.
+        """User's current command; invalid numbers give a zero command with a reason, a wrong shape
+        `ConfigurationError`.
 
         Parameters
         ----------
         axes : (2,) deflection forward and to the left, each -1 to 1.
         switch : button that changes the mode when pressed. gripper : button that opens and closes the gripper.
-
-        Raises
-        ------
-        ConfigurationError : axes of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()

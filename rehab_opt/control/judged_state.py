@@ -55,8 +55,7 @@ def judged_state(
 
     Parameters
     ----------
-    dt, max_age : see `Watchdog`.
-    led : None for joints exactly at their commanded positions.
+    dt, max_age : see `Watchdog`. led : None for joints exactly at their commanded positions.
     sent : slice of the controller's memory with the command.
     motion : slice of the memory, after velocity and position, that is zero at rest.
     """

@@ -51,10 +51,7 @@ class ArmKeepOuts:
         """Arm joints, from 0, that move the links; a last joint whose axis passes through the hand does not."""
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
-        """Limits [m/s] now and on the way to rest, at q (n,) after `last` (n,), and the arm's clearance [m].
-
-        The clearance is negative inside a keep-out. Rows are computed only if a keep-out can matter.
-        """
+        """Limits [m/s] now and on the way to rest, at q (n,) after `last` (n,), and the arm's clearance [m]."""
         n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
         if not count:
             none = LinearLimit(ca.SX(0, n), ca.SX(0, 1))
@@ -88,8 +85,8 @@ class ArmKeepOuts:
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and their upper
-        bounds [m/s].
+        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and upper bounds
+        [m/s].
 
         The first c rows are at the current posture, the others at the least distance on the way to rest.
         """
@@ -136,9 +133,7 @@ class ArmKeepOuts:
 
 
 def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(c, k) derivative [m/rad] of each link's distance from each keep-out by the arm's k joints, and distances (c,)
-    [m].
-    """
+    """(c, k) derivative [m/rad] of the links' distances from the keep-outs by k joints, and distances (c,) [m]."""
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR

@@ -53,9 +53,9 @@ class Limit:
 
     Parameters
     ----------
-    distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit. They must be
-        smooth near zero. The three distances closest to zero, relative to their rate, make rows of the QP; all are
-        checked at the end of the tick. If a distance, or its slope near zero, is not a number, the robot stops at once.
+    distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit, smooth near zero.
+        The three closest to zero, relative to their rate, make rows of the QP; all are checked at the end of the tick.
+        If a distance, or its slope near zero, is not a number, the robot stops at once.
     rate : [1/s] largest decay rate of a distance. The default is 1/T with the longest time T in which a joint stops
         from its largest speed, so that all joints can brake together before the limit.
     """
@@ -76,8 +76,7 @@ class Limit:
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The up to three distances at q (n,) that are smallest after `ways` times `way` (n,); slopes (k, n); curvature
-        loss.
+        """The three distances at q (n,) that are smallest after `ways` times `way` (n,); slopes (k, n); curvature loss.
 
         The curvature loss is the difference between a distance and its tangent after one `way`.
         """
@@ -104,10 +103,8 @@ def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
     """The limits, each evaluated once on the chain.
 
-    Raises
-    ------
-    ConfigurationError : not a list of `Limit`; distances that are no expression of the joint positions, or have no
-        slope (as a comparison); a rate that is not positive.
+    Raises `ConfigurationError` if `limits` is not a list of `Limit`, a distance is no expression of the joint positions
+    or has no slope (as a comparison), or a rate is not positive.
     """
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, Limit) for each in limits):
         raise ConfigurationError("limits", limits, "a list or tuple of Limit")
@@ -192,12 +189,7 @@ class PostureLimits:
         return 0 if self.clearance is None else self.clearance.moving_size
 
     def capsule_numbers(self, argument: str, bodies: Sequence[MovingCapsule] | Array | None) -> Array:
-        """Moving capsules (k, 14) from `moving_numbers`.
-
-        Raises
-        ------
-        ConfigurationError : more than `moving` capsules, none although `moving` is positive, or other objects.
-        """
+        """Moving capsules (k, 14) from `moving_numbers`; `ConfigurationError` for too many, none, or other objects."""
         if not self.moving:
             raise ConfigurationError(argument, bodies, "None, since no Clearance(moving=...) is among `limits`")
         if bodies is None:
@@ -249,8 +241,6 @@ class PostureLimits:
     ) -> tuple[ca.SX, ca.SX]:
         """R (m, n), r (m,) of R u <= r for the limits on the way of u, to first order about `last` (n,).
 
-        If rest satisfies the limits, every row allows rest.
-
         Parameters
         ----------
         bodies : output of `bodies_on_the_way`.
@@ -273,9 +263,7 @@ class PostureLimits:
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM
     ) -> ca.Function:
-        """Function: q, u (n,), moving capsules -> (slots, 1 + n) least remaining distances to bodies at rest, and
-        slopes.
-        """
+        """Function: q, u (n,), moving capsules -> (slots, 1 + n) least distances left to bodies at rest, and slopes."""
         assert self.clearance is not None
         n, k = self.chain.n, self.clearance.max_contacts
         here, u, column = ca.SX.sym("q", n), ca.SX.sym("u", n), ca.SX.sym("contacts", self.contacts_size)
@@ -294,8 +282,7 @@ class PostureLimits:
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
         """(n,) `velocity`, corrected if it would come nearer to a body than the margin; may exceed accelerations.
 
-        Within the margin the arm moves away from approaching bodies and returns at `RETURN`. The correction is a Newton
-        step for the contacts at the end of the tick (`contacts` with twice its time).
+        The correction is a Newton step for the contacts at the end of the tick (`contacts` with twice its time).
         """
         assert self.clearance is not None
         distances, slopes, changes = self.clearance.read(contacts)
@@ -327,8 +314,8 @@ class PostureLimits:
 
     @cached_property
     def judged(self) -> ca.Function:
-        """Function: q, moving capsules, velocity -> 1 if no distance falls below zero, or below its value at rest; NaN
-        fails.
+        """Function: q, moving capsules, velocity -> 1 if no distance falls below zero or its value at rest; not for
+        NaN.
         """
         return self._and_kept(self.clear)
 
@@ -394,11 +381,7 @@ class PostureLimits:
         return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, their largest allowed decrease per second (m,), and that for this tick
-        (m,).
-
-        A distance below zero must increase.
-        """
+        """Slopes (m, n) of the least distances, and their largest decrease per second (m,) and in this tick (m,)."""
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
             slopes, least, spent = self._tangents(q, last, self._ways)
@@ -424,8 +407,7 @@ class PostureLimits:
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Slopes (m, n) of the least distances, these (m,), and the largest error of their tangents (m,).
 
-        The error is that of the last velocity in a tick, plus a margin for a change of velocity. A missing margin is
-        regained within a tick, so that an arm at a limit can start to move along it.
+        The error is that of the last velocity in a tick, plus a margin for a change of velocity.
         """
         seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]

@@ -111,8 +111,7 @@ class JointAcceleration(Bound):
 class HandSpeed(Bound):
     """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and on the way to rest.
 
-    J_v and J_w are the linear and angular Jacobian. At a fraction x of the way to rest, sqrt(1 - x) of the speed is
-    left.
+    J_v, J_w : linear and angular Jacobian. At a fraction x of the way to rest, sqrt(1 - x) of the speed is left.
     """
 
     def __init__(self, chain: SerialChain, manoeuvre: Manoeuvre, *, linear: float, angular: float) -> None:
@@ -239,13 +238,9 @@ class Bodies:
 
 
 class Kept(Bound):
-    """h(q, t) >= 0 after the tick and on the way to rest.
+    """h(q, t) >= 0 of the limits `kinds` after the tick and on the way to rest.
 
     Between two points h is checked at the minimum of a parabola through three points.
-
-    Parameters
-    ----------
-    kinds : the limits. chain : the arm. manoeuvre : its braking.
     """
 
     def __init__(self, kinds: Sequence[Posture], chain: SerialChain, manoeuvre: Manoeuvre) -> None:

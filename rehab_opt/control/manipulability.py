@@ -22,11 +22,8 @@ TURN, SLIDE = math.pi, 1.0
 def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
     """Maximum of Yoshikawa's measure within the joint limits, and a posture (n,) that has it.
 
-    The maximum is the best of quasi-Newton ascents from seeded random postures, a lower bound of the true maximum.
-
-    Raises
-    ------
-    ConfigurationError : the chain is singular at every sampled posture.
+    The maximum is the best of quasi-Newton ascents from seeded random postures, a lower bound of the true maximum. A
+    chain that is singular at every sampled posture raises `ConfigurationError`.
     """
     from scipy.optimize import minimize  # noqa: PLC0415  (loaded when used)
 

@@ -57,12 +57,9 @@ def further(ticks: ca.SX) -> ca.SX:
 
 
 class Manoeuvre:
-    """Braking of a chain within its limits of position, velocity and acceleration.
+    """Braking of a chain within its limits of position, velocity and acceleration, at ticks of dt [s].
 
-    Parameters
-    ----------
-    chain : the arm. dt : tick [s].
-    recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
+    `recovery_speed` : return speed of a joint outside its limits, as a fraction of its velocity limit.
     """
 
     def __init__(self, chain: SerialChain, dt: float, *, recovery_speed: float) -> None:
@@ -87,7 +84,7 @@ class Manoeuvre:
     def intervals(self, q: ca.SX, last: ca.SX) -> Intervals:
         """Intervals of joints at q (n,) with the last command `last` (n,).
 
-        The velocity limit always holds. Then no joint moves beyond, or further beyond, its limit; acceleration comes
+        The velocity limit always holds. Then no joint moves beyond, or further beyond, its limit. Acceleration comes
         last.
         """
         dt, speed, change = self.dt, self.speed, self.change

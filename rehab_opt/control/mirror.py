@@ -64,8 +64,7 @@ class MirrorTracker(MirrorPreview):
     the largest deviation the clock waits, and then catches up. Samples that arrive during a fallback command are
     skipped; `lag` counts them. If a stretch is out of reach, the hand moves along it at the nearest reachable poses,
     and deviations are counted from there (`short`). Jumps of the reference are bridged at half the hand speeds. Samples
-    of a live tracker must first pass a `Conditioner`, since without it a single outlier counts as a jump there and
-    back.
+    of a live tracker must first pass a `Conditioner`, since a single outlier counts as a jump there and back.
 
     Parameters
     ----------
@@ -85,12 +84,8 @@ class MirrorTracker(MirrorPreview):
     catch_up : fraction by which the clock may run fast to make up for a lag.
     turn_length : [m/rad] weight of a rotation of the hand relative to its position, if both cannot be reached.
     max_manipulability : w_max, if known; by default it is searched for, in half a second.
-    gain, posture, lower, upper, velocity, acceleration, dt, recovery_speed, solver, backup, tolerance, max_age, compile
-        : as for `PoseTracker`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
+    gain, posture, lower, upper, velocity, acceleration : as for `PoseTracker`.
+    dt, recovery_speed, solver, backup, tolerance, max_age, compile : as for `PoseTracker`.
     """
 
     name: ClassVar[str] = "mirror_tracker"
@@ -227,9 +222,7 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] Least deviation from the reference that robot and person's arm reach; deviations are counted from
-        it.
-        """
+        """[m, rad] Least deviation from the reference that robot and person reach; deviations are counted from it."""
         return (0.0, 0.0) if self._live else self._short_by
 
     @property
@@ -255,7 +248,8 @@ class MirrorTracker(MirrorPreview):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
-        An invalid state raises no error: the arm decelerates within its limits, with a reason, and the clock waits.
+        If the state is invalid, the arm decelerates within its limits, with a reason, and the clock waits. Arguments of
+        a wrong shape raise `ConfigurationError`.
 
         Parameters
         ----------
@@ -263,14 +257,10 @@ class MirrorTracker(MirrorPreview):
         pose : (4, 4) current mirrored pose of the tool in the base frame.
         twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
         obstacles : moving bodies, as for `PoseTracker.step`.
-        force : (3,) [N] measured force of the person on the tool, in the base frame. None means that no force is
-            measured and counts as no push; pass a lost sample as NaN, which stops the arm.
+        force : (3,) [N] force of the person on the tool, in the base frame; None if no force is measured. Pass a lost
+            sample as NaN, which stops the arm.
         enable : dead man's switch; anything but True decelerates to rest.
         stamp : [s] time of the state; the watchdog checks it.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -302,14 +292,14 @@ class MirrorTracker(MirrorPreview):
 
         Parameters
         ----------
-        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and their twists, `dt` apart. Samples that `step`
-            would refuse, such as NaN, are bridged.
+        poses, twists : (N, 4, 4), (N, 6) mirrored poses of the tool and their twists, `dt` apart; NaN samples are
+            bridged.
         q : (n,) joint positions at the start, at rest.
 
         Raises
         ------
-        ConfigurationError : wrong shapes, no valid sample, all samples more than ten times the arm's reach away, or a
-            tracker with moving bodies, whose future positions are unknown.
+        ConfigurationError : wrong shapes, no valid sample, all samples more than ten times the arm's reach away, or
+            moving bodies.
         """
         if self.limits.moving:
             expected = "a Clearance without moving capsules: their future positions are unknown"

@@ -1,7 +1,4 @@
-"""Reference of a mirrored hand in one tick: its pace, its pose, and how far the hand falls short of it.
-
-The functions of queued samples, memory and hand run in Python and are exported to C.
-"""
+"""Reference of a mirrored hand in one tick, for Python and C: its pace, its pose, and how far the hand falls short."""
 
 from __future__ import annotations
 
@@ -118,11 +115,11 @@ class MirrorPace:
         return ca.Function("tried", [samples, *given], [ca.vertcat(rate, near[1:]), tried])
 
     def concluded_function(self, *, person: bool) -> ca.Function:
-        """Function of samples, `CLOCK`, `PACE`, hand's pose and twist, `TRIED`, `REMEMBERED`.
+        """Function: samples, `CLOCK`, `PACE`, pose and twist, `TRIED`, `REMEMBERED` -> `REMEMBERED`, `SAID`, `CLOCK`,
+        `AIMED`.
 
-        Its outputs are `REMEMBERED`, `SAID`, `CLOCK` and `AIMED`. The clock advances by the seconds of `TRIED`. The
-        target is limited to a `person`'s arm, displaced by forces, and moved towards the hand by its least deviation
-        (`short`).
+        The target is limited to a `person`'s arm, displaced by forces, and moved towards the hand by its least
+        deviation.
         """
         samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
         here, hand = others = [ca.SX.sym("given", size) for size in (16, 6)]

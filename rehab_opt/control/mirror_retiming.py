@@ -1,7 +1,6 @@
 """Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of tick-by-tick planning.
 
-The reference's clock and the hand's path length are two more axes. Ruckig times the passage (`ruckig_timing`) within
-joint speed and acceleration, hand speed, and the recording's pace. The ticks are then checked like commands; a passage
+The reference's clock and the hand's path length are two more axes. The new ticks are checked like commands; a passage
 that violates a bound is rejected.
 """
 

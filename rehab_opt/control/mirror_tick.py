@@ -93,9 +93,7 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
 
 
 def _first_reason(of: MirrorStatement) -> ca.Function:
-    """Function: reason and joint of a state, `faulty` of parameters, reason of a force stop, force -> `NOTICED`, first
-    three.
-    """
+    """Function: reason and joint of a state, `faulty`, reason of a force stop, force -> first three of `NOTICED`."""
     own, joint, found, stop, force = inputs = [ca.SX.sym("argument", size) for size in (1, 1, 3, 1, 3)]
     element = ca.SX(-1)
     for i in (2, 1, 0):

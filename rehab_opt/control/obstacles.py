@@ -73,10 +73,7 @@ class ObstacleRows(NamedTuple):
 def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array:
     """Obstacles (4 max_obstacles,) as a parameter, each with its kind last; unused ones have kind 0.
 
-    Raises
-    ------
-    ConfigurationError : no list or tuple, too many obstacles, neither half-plane nor disc, a zero normal, a number that
-        is not finite or out of range.
+    Raises `ConfigurationError` for too many obstacles, another type, a zero normal, or an invalid number.
     """
     if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
         raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
@@ -140,8 +137,8 @@ def approach(
 
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
     normal at the point nearest to the disc's centre c. The signed distance of c from a rectangle with corners p is the
-    largest n . c - max(n . p) over all unit vectors n, so it falls at most as fast as n . c. The bound therefore does
-    not jump when another edge becomes the nearest.
+    largest n . c - max(n . p) over all unit vectors n, so the bound does not jump when another edge becomes the
+    nearest.
 
     A turn by w dt moves a corner p off its straight path by at most |p| (w dt)^2/2, and an arc of the wheels by drive
     |w| dt^2/2 (twice that for c in the chassis frame). With both, the largest allowed speed towards the wall is a
@@ -151,8 +148,7 @@ def approach(
     ----------
     numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
     dt : tick [s]. turn : [rad/s] largest turn rate in this tick. drive : [m/s] largest speed.
-    horizon : [s] each corner's closing speed is at most its gap over this. At least dt, and at least the time to stop
-        from any speed; then rows of the last tick can be satisfied now within the accelerations.
+    horizon : [s] each corner's closing speed is at most its gap over this; at least dt, and the time to stop.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == DISC

@@ -38,14 +38,12 @@ class PathAssistance(BoundedForce):
 
     x and v are the hand's position and velocity, p(s) is the path point of the last tick, and t the path's direction
     there. Along the path the hand moves freely, except for a drag S v dt. Outside the workspace the force pulls back to
-    it, as `Assistance` does in mode "follow".
-
-    The path coordinate s follows the hand in both directions, see `rehab_opt.control.path_progress`. The largest s is
-    the progress and never decreases. The help ends at the path's end; `reset` restarts it.
+    it, as `Assistance` does in mode "follow". The path coordinate s follows the hand in both directions, see
+    `path_progress`. The largest s is the progress. The help ends at the path's end; `reset` restarts it.
 
     A hand that stands still under more than 0.1 of `force_limit` is released: the force fades within 0.3 s, and the
-    command is BLOCKED with a reason. A hand that is elsewhere after a gap without valid samples is released at once. At
-    another point of the path, at most 20 widths along it, the force grows again in 0.3 s.
+    command is BLOCKED with a reason. At another point of the path, at most 20 widths along it, the force grows again in
+    0.3 s.
 
     Parameters
     ----------
@@ -54,10 +52,6 @@ class PathAssistance(BoundedForce):
     width : [m] scale of the path: detours shorter than two widths may be cut. A hand that moves by less than a width in
         0.3 s stands still.
     comfortable, force_limit, return_stiffness, return_force, bounds : see `Assistance`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     comfortable: Workspace = setting()

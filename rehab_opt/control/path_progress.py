@@ -6,8 +6,7 @@ on a wire:
     s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt
 
 With the force limit F, s stays constant while the hand is further than F/S and a width from p(s). Only the hand moves
-s. s does not jump to another, nearer stretch of the path, except across a detour shorter than two widths. The largest s
-so far is the progress. The help ends at the path's end: the force fades within 0.3 s and stays zero.
+s, and s does not jump to another, nearer stretch of the path. The help ends at the path's end.
 
 A hand that stands still under more than 0.1 F for 0.3 s is released, since the person wants to be elsewhere. The spring
 holds the hand again within a width of a path point 1 to 20 widths away along the path, once the hand is more than a
@@ -52,10 +51,9 @@ BESIDE = 2 * BEFORE + 2
 
 @cache
 def progress_function() -> ca.Function:
-    """Function of one tick of the progress.
+    """Function: `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], samples (2, `BESIDE`) [m] -> `PROGRESS`.
 
-    Inputs: `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], x and y of the samples from floor(`at`) -
-    `BEFORE` on (2, `BESIDE`) [m]; the path's first and last points repeat. Output: `PROGRESS`.
+    The samples of the path begin `BEFORE` samples before floor(`at`); its first and last points repeat.
     """
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
     hand, force, beside = ca.SX.sym("hand", 2), ca.SX.sym("force", 2), ca.SX.sym("beside", 2, BESIDE)
@@ -103,9 +101,7 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Position, in samples after the first of `beside`, of the point nearest to the hand within the window.
-
-    Of equally near points, as after a reversal on the same line, the furthest along the path is taken.
+    """Position, in samples after the first of `beside`, of the nearest point within the window; the last of equal ones.
     """
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):

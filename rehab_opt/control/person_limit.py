@@ -32,10 +32,10 @@ GAIN = 30.0
 
 
 def model_tick(chain: SerialChain) -> ca.Function:
-    """Function: posture (n,), joint velocities (n,), time [s], ticks left -> posture, ticks left, hand, twist.
+    """Function: posture (n,), joint velocities (n,), time [s], ticks left -> posture, ticks left, pose (16,), twist
+    (6,).
 
-    The ticks are for convergence to the first pose, 0 once it is reached. The hand is a pose with 16 entries and a
-    twist (6,), linear [m/s] first.
+    The ticks are for convergence to the first pose, 0 once it is reached. Pose and twist are those of the model's hand.
     """
     q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
     ticks = ca.SX.sym("ticks")
@@ -65,9 +65,8 @@ class PersonLimit:
     ----------
     person : the arm, with finite limits, in the robot's base frame (`dataclasses.replace(human_arm(...), base=...)`).
     grip : (4, 4) pose of the robot's tool in the arm's hand frame.
-    dt : tick [s].
     start : (n,) [rad] start of the search for the first pose; default the middle of the range of motion.
-    backup, compile : as for `PoseTracker`.
+    dt : tick [s]. backup, compile : as for `PoseTracker`.
     """
 
     def __init__(

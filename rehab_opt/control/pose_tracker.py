@@ -127,10 +127,6 @@ class PoseTracker(PoseInputs):
     recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
     solver, backup : see `FallbackChain`. tolerance : largest accepted residual [the statement's units].
     max_age : [s] see `Watchdog`. compile : see `BufferedFunction`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     name: ClassVar[str] = "pose_tracker"
@@ -319,10 +315,7 @@ class PoseTracker(PoseInputs):
         return Task(J, base, rate, centre, d, lower, upper, w)
 
     def braking(self) -> ca.Function:
-        """Function: q, memory, moving capsules if any -> memory after a tick of braking, and its report.
-
-        Braking does not move a joint back into its limits.
-        """
+        """Function: q, memory, moving capsules if any -> memory after a tick of braking, and its report."""
         n, tick, moves = self.chain.n, Stages(), self.limits.moving_size
         q, memory, moving = ca.SX.sym("q", n), ca.SX.sym("memory", self._memory_size), ca.SX.sym("moving", moves)
         now = self._now(tick, State(q, memory[:n], ca.SX(6, n), moving), memory)
@@ -381,8 +374,8 @@ class PoseTracker(PoseInputs):
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
         """(n,) [rad/s] self-motion from q (n,) towards the rest posture, added to `braking` (n,).
 
-        It is scaled to `recovery_speed`, at most `ASIDE_SPEED`. If a component of the rotation error `turn` (3,) [rad]
-        is free, the self-motion ends `FREE_TURN` from the target, since the components are meaningful only near it.
+        If a component of the rotation error `turn` (3,) [rad] is free, the self-motion ends `FREE_TURN` from the
+        target.
         """
         chain, away = self.chain, self._rest_posture - q
         if self.posture is None and (np.any(self.task_weights == 0) or np.sum(~chain.locked) <= len(self.task_weights)):
@@ -450,9 +443,7 @@ class PoseTracker(PoseInputs):
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
     def _allowed(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX, far: ca.SX) -> ca.SX:
-        """(n,) u, or its largest blend with braking that violates no limit more than braking; `far`: u is far from all
-        limits.
-        """
+        """(n,) u, or its largest blend with braking that violates no limit more; `far`: u is far from all limits."""
         brake, braked, kept = self._manoeuvre, now.braked, self.kept
         usual: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand]
         bounds = [*usual, kept] if kept else usual
@@ -497,7 +488,8 @@ class PoseTracker(PoseInputs):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
-        An invalid state or pose raises no error: the command is a tick of braking, with a reason.
+        An invalid state or pose gives a tick of braking, with a reason. Arguments of a wrong shape raise
+        `ConfigurationError`.
 
         Parameters
         ----------
@@ -508,10 +500,6 @@ class PoseTracker(PoseInputs):
             else not allowed. The array (k, 14) of `moving_numbers` is the fast form.
         enable : dead man's switch; anything but True decelerates to rest.
         stamp : [s] time of the state; the watchdog checks it.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()

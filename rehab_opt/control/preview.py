@@ -33,8 +33,7 @@ class Preview:
 
     Parameters
     ----------
-    poses, twists : (N, 4, 4), (N, 6).
-    seconds : (N,) [s] since the sample before.
+    poses, twists : (N, 4, 4), (N, 6). seconds : (N,) [s] since the sample before.
     paces : (N,) largest pace that later samples allow.
     linear_speed, angular_speed : [m/s, rad/s] largest speeds of the reference.
     """
@@ -54,9 +53,8 @@ class Preview:
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 
     def ahead(self, place: tuple[int, float], pace: float, most: int, *, dt: float, quickening: float) -> Layout:
-        """At most `most` ticks from a place and a pace, which rises by at most 1 in `quickening` seconds.
-
-        The preview ends before a bridge, which takes longer than a tick.
+        """At most `most` ticks from a place and a pace, which rises by at most 1 in `quickening` seconds, up to a
+        bridge.
         """
         at, fraction = place
         last, rise = len(self._seconds) - 1, dt / quickening

@@ -25,19 +25,14 @@ class Profiles:
     """Current motion of the axes: state, current profile, and finite differences of the output.
 
     The position bounds hold by induction. A profile is accepted only if all of it is inside and its axes can stop
-    inside from its end; otherwise the current profile continues. The position range is computed here, since Ruckig's
-    own extrema omit reversals at constant acceleration.
-
-    Each axis stops on its own, without Ruckig. If the stop of an axis would leave the bounds because the axis is about
-    to reverse, the axis continues along its profile and stops in the first tick in which its stop is inside. So a stop
-    violates no bound. Only if `start` set an axis outside or too fast before its bound, the position bound is relaxed.
+    inside from its end; otherwise the current profile continues. Each axis stops on its own, without Ruckig. If its
+    stop would leave the bounds because the axis is about to reverse, the axis continues along its profile until its
+    stop is inside. Only if `start` set an axis outside or too fast before its bound, the position bound is relaxed.
 
     Parameters
     ----------
-    bounds : of the n axes; finite except for positions.
-    dt : tick [s].
+    bounds : of the n axes; finite except for positions. dt : tick [s]. straight : see `Smoother`.
     recovery_speed : speed, as a fraction of the velocity bound, of an axis that returns into its position bounds.
-    straight : see `Smoother`.
     """
 
     def __init__(self, bounds: AxisBounds, *, dt: float, recovery_speed: float, straight: bool = False) -> None:
@@ -140,8 +135,7 @@ class Profiles:
         """Advance by one tick; return the certificate residual of the new state, which is always finite.
 
         The residual is the largest relative excess of the finite differences of `p` over the velocity, acceleration and
-        jerk bounds, without rounding, and of `p` over the position bounds [u]. If the residual is too large, the axes
-        stop from the last state; if that is not finite either, they hold.
+        jerk bounds, and of `p` over the position bounds [u]. If it is too large, the axes stop from the last state.
         """
         state = self._sample()
         residual = self._residual(state[0])

@@ -28,9 +28,7 @@ LEASH = 0.03
 FARTHEST = 100.0
 """[m] Largest distance of a target from the hand; a larger one is a mistake, such as millimetres."""
 LATE = 0.1
-"""[s] Least time for the distance from the hand's stopping point to the target, since a chair stops later than the
-smoothed target.
-"""
+"""[s] Least time for the distance from the hand's stopping point to the target; a chair stops late."""
 ARRIVED = 1e-4
 """[m] Distance below which the hand has arrived."""
 TINY = 1e-12
@@ -40,8 +38,7 @@ TINY = 1e-12
 class Reaching:
     """Twist of the hand that follows a smoothed target along a straight line.
 
-    If bounds hold the hand back by more than `LEASH`, the smoothed target restarts at the hand. So the commanded
-    direction stays on the straight line to the target, where independent axes would leave it.
+    If bounds hold the hand back by more than `LEASH`, the smoothed target restarts at the hand, to stay on the line.
     """
 
     def __init__(self, robot: MobileArm, *, dt: float) -> None:
@@ -65,7 +62,7 @@ class Reaching:
         self._begun = False
 
     def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
-        """Velocity (3,) of the hand in the world frame [m/s] at joint values q (n,); NaN for invalid numbers.
+        """Velocity (3,) [m/s] of the hand in the world frame at joint values q (n,); NaN for invalid numbers.
 
         last : (n,) joint velocities of the last tick, the chair's in its own frame.
         """

@@ -53,14 +53,11 @@ class RedundancyResolver(OneThread):
     is slowed along its direction. The whole robot can brake together before every limit, keep-out and obstacle
     (`BrakingTogether`). So accelerations are relaxed only if an obstacle or a velocity passed to `reset` came too late.
     G11 to G14 of `docs/guarantees.md` state speed and direction of the hand. Between the ends of ticks, a link that
-    slides along a keep-out may enter it by up to 0.1 mm. The arm may stop up to 3.4 mm before a keep-out, since rows
-    are tangents.
+    slides along a keep-out may enter it by up to 0.1 mm. The arm may stop up to 3.4 mm before a keep-out.
 
     If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly, as Eq. (1)
-    moves the arm to a better posture. The arm's joints have commanded positions as in `PoseTracker`; the base uses its
-    measured position. Collisions of the hand are not detected.
-
-    A new resolver is at rest unless `reset` sets a velocity. An object belongs to one thread, see `OneThread`.
+    moves the arm to a better posture. Collisions of the hand are not detected. A new resolver is at rest unless `reset`
+    sets a velocity. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -68,24 +65,18 @@ class RedundancyResolver(OneThread):
     drive : "mecanum"; "differential", which cannot move sideways; "omnidirectional", whose wheel speeds are the chassis
         twist; or "fixed", where only the arm moves. See `Drive`.
     row_sets : sets of task rows with functions compiled at construction, up to half a minute per set; `ROWS` names the
-        rows. Any other set gets uncompiled functions at first use, which takes a second or two; a moving robot brakes
-        first.
+        rows. Any other set gets uncompiled functions at first use, in a second or two; a moving robot brakes first.
     obstacles : walls and posts in the world frame.
     max_obstacles : largest number of obstacles at any time; default the number of `obstacles`.
     keep_out : whether the arm must stay out of the robot's keep-outs.
     limits : further limits of the posture in the world frame: `Limit`s, and a `Clearance` of the arm, also against the
-        chair. See `PoseTracker`. Without a command the robot does not move away from bodies. Beyond such a limit, or
-        beside an approaching body, accelerations and the rates of other limits are relaxed; the guarantees above do not
-        hold there.
+        chair. Without a command the robot does not move away from bodies. Beyond such a limit, or beside an approaching
+        body, accelerations and other limits' rates are relaxed; the guarantees above do not hold there.
     self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02; in longer ticks the Jacobian changes too much for the guarantees.
     recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
     solver, backup : see `FallbackChain`. tolerance : largest accepted residual [m/s, rad/s].
     max_age : [s] see `Watchdog`. compile : see `BufferedFunction`.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     robot: MobileArm = setting()
@@ -177,17 +168,13 @@ class RedundancyResolver(OneThread):
         return self._active.velocity
 
     def reset(self, velocity: ArrayLike | None = None, *, heading: float = 0.0) -> None:
-        """Reset the state.
+        """Reset the state; a velocity above a limit, or sideways on rolling wheels, raises `ConfigurationError`.
 
         Parameters
         ----------
         velocity : (n,) current joint velocities [m/s, rad/s], as in a `Command`; zero by default. Until the first
             measured position, joints are assumed at the middle of their ranges.
         heading : [rad] q3 at the start of that command's tick, which gives the chair's forward direction in the world.
-
-        Raises
-        ------
-        ConfigurationError : a velocity above a limit, or sideways on rolling wheels.
         """
         n = self.robot.chain.n
         given = per_joint("velocity", 0.0 if velocity is None else velocity, n, finite=True)
@@ -228,7 +215,8 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (n,) to hold until the next tick, and wheel speeds.
 
-        Invalid numbers raise no error: the robot decelerates within its limits, with a reason.
+        Invalid numbers give a deceleration within the limits, with a reason. Arguments of a wrong shape, unknown rows
+        or frames, and more rows than moving joints raise `ConfigurationError`.
 
         Parameters
         ----------
@@ -239,11 +227,6 @@ class RedundancyResolver(OneThread):
         moving : current moving bodies in the world frame; see `obstacles` of `PoseTracker.step`.
         enable : dead man's switch; anything but True decelerates to rest.
         stamp : [s] time of the state; the watchdog checks it.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape, an unknown row or frame, more rows than moving joints.
-        SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()
@@ -263,19 +246,14 @@ class RedundancyResolver(OneThread):
         """Joint velocities (n,) that move the hand to a target, through the same QP; to be called in every tick.
 
         The hand moves straight at up to 0.25 m/s along each world axis, plus 0.12 m/s while it lags. It slows down so
-        that chair and arm can stop at the target. If bounds hold the hand back, it continues along the straight line
-        from there.
+        that chair and arm can stop at the target. If bounds hold it back, it continues along the straight line from
+        there.
 
         Parameters
         ----------
         q : (n,) current joint positions [m, rad].
-        target : (3,) target of the hand in the world frame [m]; a `Smoother` smooths it, so it may jump. A target more
-            than 100 m away is refused as a wrong unit.
+        target : (3,) target of the hand in the world frame [m], which may jump. More than 100 m away it is refused.
         moving, enable, stamp : see `step`.
-
-        Raises
-        ------
-        ConfigurationError : an argument of the wrong shape.
         """
         if self._owner != get_ident():
             self._claim()
@@ -296,7 +274,7 @@ class RedundancyResolver(OneThread):
         """QP that `step` would solve now, as numbers, for inspection by any thread; it changes nothing.
 
         The variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
-        command. The owner's thread also gets functions for new rows.
+        command.
         """
         names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))

@@ -19,9 +19,7 @@ __all__ = ["CLOCK", "JUMP", "KEPT", "SAMPLE", "SPIN", "ClockStatement", "Referen
 Array = NDArray[np.float64]
 
 THINNED, KEPT = 4096, 2
-"""Largest number of waiting samples. With more, every second sample is left out, except the first few. C has a smaller
-buffer.
-"""
+"""Largest number of waiting samples in Python; with more, every second one is left out, except the first `KEPT`."""
 CURVED = 0.02
 """[rad] Rotations between samples up to this are interpolated entry by entry, larger ones along the arc."""
 LONGEST = 1.5
@@ -45,12 +43,8 @@ stamp.
 
 
 class ClockStatement:
-    """Functions of a clock, of the `window` samples from the current one on, evaluated in Python and in C.
-
-    Parameters
-    ----------
-    dt : [s] between arriving samples.
-    window : largest number of samples that a tick may reach.
+    """Functions of a clock, of the `window` samples from the current one on, which arrive `dt` [s] apart; for Python
+    and C.
     """
 
     def __init__(self, dt: float, *, window: int = WINDOW) -> None:
@@ -129,8 +123,7 @@ class ClockStatement:
 
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
-        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two more samples (60,),
-        `CLOCK`.
+        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples (60,), `CLOCK`.
 
         A jump, or a sample with `bridge`, is bridged: the sample is as late as a calm motion to it at these speeds
         takes, with a further sample on the way. Without a bridge the last of the two samples is unused. Skipped time
@@ -160,15 +153,10 @@ class ClockStatement:
 
 
 class ReferenceClock:
-    """Poses that arrive tick by tick and are read at another pace.
+    """Poses that arrive every `dt` [s] and are read at another pace, joined by straight lines and uniform rotations.
 
-    Poses are joined by straight lines and uniform rotations. A clock is *current* if it is at the newest sample.
-
-    Parameters
-    ----------
-    dt : [s] between arriving samples.
-    linear_speed, angular_speed : [m/s, rad/s] of bridges over jumps between samples.
-    window : largest number of samples that a tick may reach.
+    A clock is *current* if it is at the newest sample. `linear_speed` and `angular_speed` [m/s, rad/s] are those of
+    bridges over jumps. A tick may reach at most `window` samples.
     """
 
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
@@ -259,8 +247,7 @@ class ReferenceClock:
     ) -> None:
         """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, over a bridge.
 
-        Samples skipped before it count in `behind` until the clock has passed them. `thinning` limits the waiting
-        samples.
+        Samples skipped before it count in `behind` until the clock has passed them. `thinning` limits those that wait.
         """
         self._enlarge(2)
         taken, newest = self._taken, self._end - 1

@@ -40,16 +40,10 @@ class Scanning(OneThread):
 
     Parameters
     ----------
-    modes : as in `Joystick`; every row is scanned once.
-    dt : tick [s].
-    dwell : [s] for which an option is lit.
-    sip : whether a straw allows sips, too.
+    modes : as in `Joystick`; every row is scanned once. dt : tick [s].
+    dwell : [s] for which an option is lit. sip : whether a straw allows sips, too.
     threshold : pressure, 0 to 1, at which a press starts; it ends below `HELD` times this.
     rate : [1/s] rate at which the speed grows.
-
-    Raises
-    ------
-    ConfigurationError : an invalid argument.
     """
 
     def __init__(
@@ -86,13 +80,7 @@ class Scanning(OneThread):
         self._give_away()
 
     def step(self, pressure: float) -> StickCommand:
-        """User's current command from a pressure: 0 to 1 of a switch or a puff, 0 to -1 of a sip; NaN counts as no
-        press.
-
-        Raises
-        ------
-        SharingError : a second thread, see `OneThread`.
-        """
+        """User's current command from a pressure: 0 to 1 of a switch or a puff, 0 to -1 of a sip; NaN is no press."""
         if self._owner != get_ident():
             self._claim()
         way, reason = self._pressed(pressure)

@@ -53,15 +53,12 @@ class Walk:
 
 
 class Seats:
-    """Compute how far a robot follows many paths of poses, by kinematics only, without time.
+    """Compute how far a tracker's robot follows many paths of poses, by kinematics only, without time.
 
     From one pose of the path, damped Gauss-Newton steps lead to the next pose within the joint limits; a shortfall
-    below the floor is a further error. If a pose is out of reach, the walk continues from the nearest posture of the
-    same branch. A joint with more than a full turn starts at the turn that keeps the whole walk within its limits.
-
-    Parameters
-    ----------
-    tracker : its robot, floor and planes are used.
+    below the manipulability floor is a further error. If a pose is out of reach, the walk continues from the nearest
+    posture of the same branch. A joint with more than a full turn starts at the turn that keeps the whole walk within
+    its limits.
     """
 
     def __init__(self, tracker: MirrorTracker) -> None:

@@ -1,7 +1,6 @@
 """Positions with bounded velocity, acceleration and jerk, axis by axis, for axes without coupling constraints.
 
-Examples are joint trajectories of a plan, targets, and reference clocks. With coupling constraints, smoothing after the
-controller would violate them.
+Examples are joint trajectories of a plan, targets, and reference clocks; smoothing would violate coupling constraints.
 """
 
 from __future__ import annotations
@@ -41,25 +40,19 @@ class Smoother(OneThread):
 
     Each axis moves as fast as its own bounds allow, unless `straight`. A target outside the position bounds is clipped.
     If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. The
-    motion later continues from there without a jump. An axis whose stop would leave its position bound brakes until it
-    can stop inside. Only if `reset` sets an axis too fast before a position bound, that bound is relaxed and flagged.
-    An object belongs to one thread, see `OneThread`.
+    motion later continues from there without a jump. Only if `reset` sets an axis too fast before a position bound,
+    that bound is relaxed and flagged. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
     velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
         scalar applies to all axes.
-    dt : tick [s].
+    dt : tick [s]. max_age : of the targets, see `Watchdog`.
     lower, upper : (n,) position bounds [u]; None or infinite for none; equal ones lock the axis.
     axes : n, needed if every bound is a scalar; default 1.
     recovery_speed : return speed of an axis that was reset outside its bounds, as a fraction of `velocity`.
-    max_age : of the targets, see `Watchdog`.
     straight : whether axes that start at rest move on the straight line to the target, as fast as the slowest allows.
         From a motion they arrive together, on or near that line if the motion is along it.
-
-    Raises
-    ------
-    ConfigurationError : a bound that is not valid or of the wrong size.
     """
 
     def __init__(
@@ -126,11 +119,8 @@ class Smoother(OneThread):
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Start at `position` (n,) [u] with `velocity` (n,) [u/s], by default at rest, and zero acceleration.
 
-        An axis outside its bounds returns at `recovery_speed`.
-
-        Raises
-        ------
-        ConfigurationError : not finite, of the wrong size, or faster than the velocity bound.
+        An axis outside its bounds returns at `recovery_speed`. Invalid numbers, a wrong size, or a velocity above its
+        bound raise `ConfigurationError`.
         """
         p = per_joint("position", position, self._n, finite=True)
         v = per_joint("velocity", 0.0 if velocity is None else velocity, self._n, finite=True)
@@ -153,7 +143,7 @@ class Smoother(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Position one tick later, on the way to the target.
+        """Position one tick later, on the way to the target; `ConfigurationError` before the first `reset`.
 
         Parameters
         ----------
@@ -168,10 +158,6 @@ class Smoother(OneThread):
         Command : `value` is the position (n,) [u]. `residual` is the largest relative excess of its finite differences
             over the velocity, acceleration and jerk bounds, and of the position over its bounds [u]; infinite while
             braking or holding.
-
-        Raises
-        ------
-        ConfigurationError : there was no `reset` yet. SharingError : a second thread, see `OneThread`.
         """
         if self._owner != get_ident():
             self._claim()

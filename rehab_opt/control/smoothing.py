@@ -57,25 +57,20 @@ def smooth_path(
 ) -> SmoothPath:
     """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
 
-    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved; a `Smoother` does
-    not preserve them. Shape-preserving cubics interpolate the path, a spline rounds its corners within `tolerance`, and
-    `ruckig_timing` times the progress, at most at the recorded speed. `measured_path` first replaces held and rounded
-    samples.
+    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Shape-preserving
+    cubics interpolate the path, a spline rounds its corners within `tolerance`, and `ruckig_timing` times the progress,
+    at most at the recorded speed. `measured_path` first replaces held and rounded samples. Times that do not increase,
+    a wrong shape, and an invalid bound or number raise `ConfigurationError`.
 
     Parameters
     ----------
-    times : (N,) [s], increasing.
+    times : (N,) [s], increasing. dt : tick [s].
     points : (N, n) [u]; points outside the position bounds are clipped.
     velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
         scalar applies to all axes.
     lower, upper : (n,) position bounds [u]; None or infinite for none.
-    dt : tick [s].
     tolerance : [u] largest deviation of an axis from the path. If it is below the recording's noise, the drive follows
         the noise, and the path takes several times as long.
-
-    Raises
-    ------
-    ConfigurationError : times that do not increase, points of the wrong shape, an invalid bound or number.
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 

@@ -80,9 +80,7 @@ def velocity_bounds(
 
     Parameters
     ----------
-    q : (n,) current joint positions.
-    last : (n,) joint velocities commanded in the last tick.
-    dt : tick [s].
+    q, last : (n,) current joint positions, and velocities commanded in the last tick. dt : tick [s].
     recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
     approach : [1/s] see `gentle_speed`; infinite for joints that move as commanded.
     """
@@ -170,10 +168,6 @@ class BrakingTogether:
     on the way from q to z can therefore always brake without violating them. Every joint stays within its acceleration,
     since |u| dt/T <= v dt/T <= a dt. A change of u moves z by T times as much.
 
-    Parameters
-    ----------
-    chain : its velocity and acceleration limits.
-    dt : tick [s].
     moving : numbers, from 0, of the joints that can move; others do not affect T.
     """
 

@@ -35,9 +35,8 @@ NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 
 
 def default_max_age(dt: float) -> float:
-    """Largest age [s] of a state at a nominal tick dt [s]: 50 ms, and never less than three ticks.
-
-    50 ms is below a person's fastest voluntary reaction. Three ticks allow for two lost samples in a row.
+    """Largest age [s] of a state at a nominal tick dt [s]: 50 ms, a fast human reaction, and never less than three
+    ticks.
     """
     return max(0.05, 3.0 * dt)
 
@@ -132,17 +131,13 @@ class Watchdog(OneThread):
     The watchdog reads no clock, so a replay gives the same verdicts as the live session. The stamps of a delayed stream
     advance by less than the ticks; the accumulated lag is compared with `max_age`. Stamps that jump back by more than
     `max_age` mean a restarted stream: one fault, and the count restarts. Stamps that gain more than `max_age` on 1.5
-    times the ticks mean a loop slower than `dt`, in which an arm would brake too late. An object belongs to one thread,
-    see `OneThread`.
+    times the ticks mean a loop slower than `dt`, in which an arm would brake too late.
 
     Parameters
     ----------
-    dt : nominal tick [s].
-    max_age : largest age of a state, and largest gap between two [s]; infinite for none; default `default_max_age`.
-
-    Raises
-    ------
-    ConfigurationError : dt not finite or below 1e-9 s, max_age not one above dt.
+    dt : nominal tick [s], at least 1e-9.
+    max_age : largest age of a state, and largest gap between two [s], above dt; infinite for none; default
+        `default_max_age`.
     """
 
     stamped: bool
