@@ -101,8 +101,7 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Position, in samples after the first of `beside`, of the nearest point within the window; the last of equal ones.
-    """
+    """Position, in samples after the first of `beside`, of the nearest point in the window; of equal ones the last."""
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
         way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]

@@ -38,7 +38,7 @@ UNBOUNDED = 1e8
 OWN = ("proxqp", "osqp", "daqp")
 """Solvers with a backend in this module."""
 PRECISION = 1e-10
-"""Absolute tolerance of every solver, tight enough that its answers pass the certificate."""
+"""Absolute tolerance of every solver, tight enough for the certificate."""
 TIGHT: Mapping[str, Mapping[str, Any]] = {
     "clarabel": {"tol_gap_abs": PRECISION, "tol_gap_rel": 0.0, "tol_feas": PRECISION},
     "cvxopt": {"abstol": PRECISION, "reltol": PRECISION, "feastol": PRECISION},
@@ -50,21 +50,21 @@ TIGHT: Mapping[str, Mapping[str, Any]] = {
     "proxqp": {"eps_abs": PRECISION, "eps_rel": 0.0},
     "scs": {"eps_abs": PRECISION, "eps_rel": 0.0},
 }
-"""`PRECISION` as options of each solver of qpsolvers; quadprog has no such option."""
+"""Options of the qpsolvers solvers that set `PRECISION`; quadprog has no such option."""
 DAQP_TOLERANCES = 1e-10, 3e-9, 1e-7
-"""Absolute feasibility tolerances, tried in this order: by rounding, equal row limits may seem to cross."""
+"""Absolute feasibility tolerances, tried in this order, since rounding can make equal row limits seem to cross."""
 DAQP_OPTIONS = {"dual_tol": 1e-12, "iter_limit": 1000}
-"""Absolute dual tolerance; iteration cap (the QPs of `bench/solvers/qp` take at most 62)."""
+"""Absolute dual tolerance; iteration cap."""
 UNEVEN = 1e4
 """Ratio of the largest to the smallest curvature of variables above which the variables are scaled."""
 FLAT = 1e-14
 """Fraction of the largest curvature below which a curvature counts as zero."""
 EQUALITY, SOLVED = 5, 1
-"""Constants of daqp."""
+"""Codes of daqp."""
 
 
 class Answer(NamedTuple):
-    """A claimed solution; x is NaN if the solver found none. Multipliers are positive at an upper bound."""
+    """Solution that a solver claims; x is NaN if it found none. Multipliers are positive at an upper bound."""
 
     x: Array
     bound_multipliers: Array
@@ -78,7 +78,7 @@ class Backend(Protocol):
     name: str
 
     def forget(self) -> None:
-        """Discard the warm start: the next solution does not depend on earlier ones."""
+        """Discard the warm start, so that the next solution does not depend on earlier ones."""
         ...
 
     def solve(self, qp: Instance) -> Answer:
@@ -92,20 +92,16 @@ def no_answer(n: int, m: int) -> Answer:
 
 
 def has_finite_data(qp: Instance) -> bool:
-    """Whether the data are fit for a solver: some hang on NaN, others ignore a NaN bound."""
+    """Whether the data are fit for a solver: some solvers hang on NaN, others ignore a NaN bound."""
     costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
     bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
     return bool(costs_finite and bounds_ordered)
 
 
 def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
-    """The backend of that name for QPs with n variables and m rows.
+    """Backend for QPs with n variables and m rows; raises `ConfigurationError` if no installed solver has this `name`.
 
     "proxqp" and "osqp" keep a workspace, "daqp" is called directly, and any other name goes to qpsolvers.
-
-    Raises
-    ------
-    ConfigurationError : no installed solver has this name.
     """
     if name == "proxqp":
         return ProxqpBackend(n, m)
@@ -117,15 +113,12 @@ def backend(name: str, n: int, m: int, *, argument: str = "solver") -> Backend:
 
 
 class ProxqpBackend:
-    """proxsuite's dense solver, updated in place.
+    """Dense solver of proxsuite, updated in place.
 
-    eps_primal_inf and eps_dual_inf are 0, because with the defaults it calls feasible problems infeasible. Both
-    iteration counts are capped, because a NaN cost once held it for 47 s. The duality gap is checked, because without
-    it 8 % of our ticks have a multiplier z at a bound with slack s. That bound adds s z to the gap. The certificate
-    limits min(s, z) to 1e-8, so the gap is limited to its square.
-
-    Its answers are not repeatable to the last bit, because its sums depend on the address of its workspace: equal
-    sequences differed by 1e-11.
+    eps_primal_inf and eps_dual_inf are 0, since with the defaults the solver calls feasible problems infeasible. Both
+    iteration counts are capped, since a NaN cost can hold it for many seconds. The duality gap is checked: a multiplier
+    z at a bound with slack s adds s z to the gap. The certificate limits min(s, z) to 1e-8, so the gap is limited to
+    its square. Answers are not repeatable to the last bit, since the sums depend on the address of the workspace.
     """
 
     name = "proxqp"
@@ -135,16 +128,16 @@ class ProxqpBackend:
         self.forget()
 
     def forget(self) -> None:
-        """Make a new workspace, because scaling and step sizes survive a cold start."""
+        """Make a new workspace, since scaling and step sizes survive a cold start."""
         from proxsuite import proxqp  # noqa: PLC0415  (loads when used)
 
         n, m, self._ready = self._n, self._m, False
         self._qp, self._solved = proxqp.dense.QP(n, 0, m, True), proxqp.PROXQP_SOLVED
         settings = self._qp.settings
-        settings.eps_abs, settings.eps_rel = PRECISION / 10, 0.0  # at `PRECISION` 5 of 7000 ticks stop too early
+        settings.eps_abs, settings.eps_rel = PRECISION / 10, 0.0  # at `PRECISION` some ticks stop too early
         settings.eps_primal_inf = settings.eps_dual_inf = 0.0
         settings.check_duality_gap, settings.eps_duality_gap_abs = True, 1e-16
-        settings.eps_duality_gap_rel = 1e-15  # rounding of the costs whose difference it is
+        settings.eps_duality_gap_rel = 1e-15  # rounding of the two costs of the gap
         settings.max_iter, settings.max_iter_in = 100, 100
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
 
@@ -165,7 +158,7 @@ class ProxqpBackend:
             self._ready = True
         self._qp.solve()
         if self._qp.results.info.status != self._solved and not fresh:
-            self.forget()  # its scaling and warm start were of problems too different
+            self.forget()  # scaling and warm start came from problems too different
             return self.solve(qp)
         result = self._qp.results
         x, z = np.array(result.x), np.array(result.z)
@@ -183,7 +176,7 @@ class OsqpBackend:
     def __init__(self, n: int, m: int) -> None:
         self._n, self._m = n, m
         self._upper = np.triu_indices(n)
-        # Column-major order of the upper triangle, and of the stacked [A; I]: fixed patterns, explicit zeros kept.
+        # Column-major order of the upper triangle, and of the stacked [A; I]: fixed patterns with explicit zeros.
         order = np.lexsort((self._upper[0], self._upper[1]))
         self._upper = (self._upper[0][order], self._upper[1][order])
         self.forget()
@@ -211,7 +204,7 @@ class OsqpBackend:
                 )
             result = self._solver.solve(raise_error=False)
         except osqp.OSQPException:
-            self.forget()  # it says so of a concave cost, or of numbers out of its range
+            self.forget()  # osqp refuses a concave cost, or numbers out of its range
             return no_answer(n, m)
         if not (np.all(np.isfinite(result.x)) and np.all(np.isfinite(result.y))):
             self.forget()
@@ -228,7 +221,7 @@ class OsqpBackend:
             (stacked.reshape(-1, order="F"), np.tile(np.arange(rows), n), np.arange(n + 1) * rows), shape=(rows, n)
         )
         solver = osqp.OSQP()
-        # A fixed adaption interval: the default depends on time, and with it the answer.
+        # A fixed adaption interval: the default depends on time, and so would the answer.
         solver.setup(
             hessian, np.array(qp.g), matrix, lower, upper, verbose=False, eps_abs=PRECISION, eps_rel=0.0,
             polishing=False, max_iter=10_000, adaptive_rho_interval=50, warm_starting=True,
@@ -237,11 +230,9 @@ class OsqpBackend:
 
 
 class DaqpBackend:
-    """daqp, called without a warm start.
+    """Solver daqp, called without a warm start; a failed solve does not affect the next one.
 
-    A call takes a few tens of us, and a failed solve does not affect the next one. Badly scaled variables are scaled to
-    curvature 1: of the badly scaled QPs of `bench/solvers/qp` it then solves all, and without scaling 12 %. daqp
-    regularises a cost that is not strictly convex, or fails.
+    Badly scaled variables are scaled to curvature 1. daqp regularises a cost that is not strictly convex, or fails.
     """
 
     name = "daqp"
@@ -281,7 +272,7 @@ class DaqpBackend:
         lower, upper, kinds = self._lower, self._upper, self._kinds
         lower[:n], lower[n:], upper[:n], upper[n:] = qp.lower, qp.rows_lower, qp.upper, qp.rows_upper
         kinds[:n], kinds[n:] = 0, EQUALITY * (qp.rows_lower == qp.rows_upper)
-        # It reads H by its address, and writes to nothing, but refuses what it might not write to.
+        # daqp reads H by its address and refuses read-only arrays, although it writes to none.
         cost = np.array(qp.H, order="C"), np.array(qp.g)
         for tolerance in DAQP_TOLERANCES:
             x, _, flag, told = self._daqp(
@@ -294,7 +285,7 @@ class DaqpBackend:
 
 
 class QpsolversBackend:
-    """Any solver of qpsolvers by name; it builds each problem anew, so it serves comparison, not speed."""
+    """Any solver of qpsolvers by name, for comparison: it builds each problem anew."""
 
     def __init__(self, name: str, *, argument: str = "solver") -> None:
         if name not in qpsolvers.available_solvers:
@@ -315,7 +306,7 @@ class QpsolversBackend:
         try:
             solution = qpsolvers.solve_problem(problem, solver=self.name, **self._options)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError, RuntimeError):
-            return no_answer(n, m)  # solvers differ in how they say no
+            return no_answer(n, m)  # solvers report failure in different ways
         return answer_from(qp, solution)
 
 

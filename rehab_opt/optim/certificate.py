@@ -1,4 +1,4 @@
-"""Residuals of a claimed QP solution, computed independently of the solver."""
+"""Residuals of a solution that a QP solver claims, computed independently of the solver."""
 
 from __future__ import annotations
 
@@ -31,11 +31,9 @@ def certificate_function(n: int, m: int) -> ca.Function:
     else 0), x (n,), and the multipliers of bounds (n,) and rows (m,), positive at an upper bound.
 
     Outputs: x clipped into its bounds (this x is certified and used), and the residual. The residual is the 2-norm of
-    stationarity H x + g + y_x + A'y_A, of the rows' violation, and of min(multiplier, slack) for every bound. It has
-    the units of the statement, so one tolerance means the same for every solver.
-
-    Any NaN makes the residual infinite or NaN: CasADi's fmax and fmin drop NaN, so a comparison that NaN fails guards
-    each of them. Accept with `is_certified`.
+    stationarity H x + g + y_x + A'y_A, of the rows' violation, and of min(multiplier, slack) for every bound, with the
+    multipliers y_x and y_A. It has the units of the statement. Any NaN makes the residual infinite or NaN, although
+    CasADi's fmax and fmin drop NaN. Accept with `is_certified`.
     """
     hessian, gradient, matrix = ca.SX.sym("H", n, n), ca.SX.sym("g", n), ca.SX.sym("A", m, n)
     rows_lower, rows_upper = ca.SX.sym("rows_lower", m), ca.SX.sym("rows_upper", m)
@@ -85,7 +83,7 @@ def all_true(*conditions: ca.SX) -> ca.SX:
 
 
 def first_true(conditions: ca.SX) -> ca.SX:
-    """A column with 1 at the first condition that holds, else 0."""
+    """Column with 1 at the first condition that holds, else 0."""
     column, found = ca.SX.zeros(conditions.numel()), ca.SX(0)
     for i in range(conditions.numel()):
         column[i] = ca.logic_and(conditions[i], ca.logic_not(found))
@@ -94,18 +92,18 @@ def first_true(conditions: ca.SX) -> ca.SX:
 
 
 def is_certified(residual: float, tolerance: float) -> bool:
-    """Whether 0 <= residual <= tolerance: false for NaN."""
+    """Whether 0 <= residual <= tolerance; false for NaN."""
     return 0.0 <= residual <= tolerance
 
 
 def clipped(value: Any, lower: Any, upper: Any) -> ca.SX:
-    """Expression of `value` clipped to [lower, upper]; NaN becomes a bound, so check for it elsewhere."""
+    """Expression of `value` clipped to [lower, upper]; NaN becomes a bound, so NaN must be checked elsewhere."""
     inside: ca.SX = ca.fmin(ca.fmax(value, lower), upper)
     return inside
 
 
 NEGLIGIBLE = 1e-3
-"""If the delivered fraction of the task is smaller, it counts as zero and the command is `BLOCKED`."""
+"""Delivered fraction of the task below which the command is `BLOCKED`."""
 
 
 def delivered_fraction(
@@ -118,7 +116,7 @@ def delivered_fraction(
 
 
 def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
-    """Complementarity min(multiplier, slack): zero if and only if one is; infinite bounds need no special case."""
+    """Complementarity min(multiplier, slack), zero if and only if one of them is; also for infinite bounds."""
     told = _not(multiplier, 0.0)
     pushing, at, low, high = multiplier[told], value[told], lower[told], upper[told]
     at_upper = ca.fmin(ca.fmax(pushing, 0), ca.fmax(high - at, 0))
@@ -149,7 +147,7 @@ def screened_analytic(
     )
     if multipliers is None:
         inside = all_true(analytic >= lower, analytic <= upper, values >= rows.lower, values <= rows.upper)
-        # Not a quotient: of a slope that is zero by its form CasADi would drop the divisor, and with it the bounds.
+        # Not a quotient: for a structurally zero slope CasADi would drop the divisor, and with it the bounds.
         return ca.densify(ca.vertcat(analytic, nothing)), ca.if_else(
             ca.logic_and(inside, valid), ca.norm_2(slope), ca.inf
         )
@@ -158,7 +156,7 @@ def screened_analytic(
     violated = violation(values, rows.lower, rows.upper)
     loose = one_is_zero(multipliers, values, rows.lower, rows.upper)
     squares = ca.sumsqr(ca.if_else(at_bound, 0, pressed)) + ca.sumsqr(violated) + ca.sumsqr(loose)
-    # A sum that NaN poisons, where fmax and a choice would drop it.
+    # A sum, since NaN survives in it; fmax and if_else would drop NaN.
     finite = ca.sumsqr(analytic) + ca.sumsqr(pressed) + ca.sumsqr(values) <= MAX_MAGNITUDE**2
     inside = all_true(analytic >= lower, analytic <= upper, finite, valid)
     told = ca.vertcat(analytic, ca.if_else(at_bound, pressed, 0), multipliers)

@@ -1,10 +1,9 @@
 """A QP for a given active set, or by the dual active set method of Goldfarb and Idnani.
 
-The dual method needs no estimate of the active bounds and cannot cycle. It starts at the solution of the equalities
-alone and adds one violated bound after the other; it drops bounds whose multiplier reaches zero. The cost only rises,
-so no active set comes twice. Active bounds are independent at each step, so there are at most as many as variables. The
-inverse of the Hessian on the equalities is computed once. A step is a function without branches; compiled code repeats
-it until no bound is violated.
+The dual method starts at the solution of the equalities alone and adds one violated bound after the other; it drops
+bounds whose multiplier reaches zero. The cost only rises, so no active set comes twice. Active bounds are independent
+at each step, so there are at most as many as variables. A step is a function without branches; compiled code repeats it
+until no bound is violated.
 """
 
 from __future__ import annotations
@@ -22,20 +21,19 @@ if TYPE_CHECKING:
 __all__ = ["STEPS", "TOGETHER", "active_set_round", "dual_active_set"]
 
 BROKEN = 1e-11
-"""A bound becomes active if its violation is larger; less is rounding."""
+"""Violation above which a bound becomes active; less is rounding."""
 NESTED = 7
 STEPS = NESTED**2
-"""Largest number of bounds added or dropped; random states near obstacles needed 18 at most, 5 in the median."""
+"""Largest number of bounds added or dropped; ticks near obstacles need up to 18."""
 DEPENDENT = 1e-13
-"""Fraction of a bound's curvature that remains on the active ones; if it is smaller, the bound depends on them.
+"""Fraction of a bound's curvature that remains on the active bounds; if it is smaller, the bound depends on them.
 
-The smallest fraction seen was 1e-12, for an arm at three joint limits and at the manipulability floor. Rounding leaves
-1e-16.
+The smallest fraction of an independent bound is about 1e-12; rounding leaves 1e-16.
 """
 
 
 def dual_active_set(form: Form) -> ca.Function:
-    """Numbers -> which bounds and rows (n + m,) are active: 1 at the upper, -1 at the lower one.
+    """Function: numbers -> active bounds and rows (n + m,): 1 at the upper, -1 at the lower bound.
 
     Equalities are not marked. The cost must be strictly convex, and the equalities independent.
     """
@@ -44,7 +42,7 @@ def dual_active_set(form: Form) -> ca.Function:
     step = _step(form)
     inputs = old, numbers, known = [ca.MX.sym("old", state.numel()), numbers, ca.MX.sym("known", shared.numel())]
     keep, steps = ca.Function("keep", inputs, [old]), ca.Function("step", inputs, [step(numbers, known, old)])
-    for _ in range(2):  # nested: to pass over what is left step by step takes longer than the few that are needed
+    for _ in range(2):  # nested: skipping each unused step takes longer than the few steps that are needed
         either, now = ca.Function.if_else("unless_done", keep, steps), old
         for _ in range(NESTED):
             now = either(now[-1], now, numbers, known)
@@ -90,12 +88,12 @@ class _State(NamedTuple):
     """Whether no bound is violated, or none can be added."""
 
     def column(self) -> ca.SX:
-        """The state as one column; `_state_of` reads it."""
+        """State as one column; `_state_of` reads it."""
         return ca.densify(ca.vertcat(*(ca.vec(ca.densify(part)) for part in self)))
 
 
 def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
-    """A column of symbols, and the state in it."""
+    """Column of symbols, and the state in it."""
     n, most, size = of.n, of.most, of.size
     shapes = [(size, 1), (n, 1), (most, n), (triangle(most), 1), (most, 1), (most, 1), (size, 1), (1, 1), (1, 1)]
     column = ca.SX.sym("state", sum(rows * columns for rows, columns in shapes))
@@ -107,7 +105,7 @@ def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
 
 
 def _first(form: Form) -> ca.Function:
-    """Numbers -> inverses of the Hessian, without and with the equalities; the first state."""
+    """Function: numbers -> inverses of the Hessian, without and with the equalities; the first state."""
     of = _Numbers(form)
     n, most, size, rows = of.n, of.most, of.size, of.rows[of.equal, :]
     free = solver_of(of.hessian)(ca.SX.eye(n))
@@ -125,7 +123,7 @@ def _first(form: Form) -> ca.Function:
 
 
 def _step(form: Form) -> ca.Function:
-    """Numbers, the inverses, state -> the next state."""
+    """Function: numbers, the inverses, state -> the next state."""
     of = _Numbers(form)
     n, most = of.n, of.most
     column, state = _state_of(of)
@@ -135,7 +133,7 @@ def _step(form: Form) -> ca.Function:
     normal = of.rows.T @ pending
     limit = ca.sum1(ca.if_else(pending > 0, of.high, ca.if_else(pending < 0, -of.low, 0)))
 
-    # Where x goes as its multiplier grows while the active ones stay as they are.
+    # Direction of x as the new multiplier grows while the active bounds stay active.
     way, used = along @ normal, state.numbers > 0
     against = state.ways @ normal
     stiffness = symmetric(state.stiffness, most)
@@ -143,19 +141,19 @@ def _step(form: Form) -> ca.Function:
     way_held = way + state.ways.T @ change
     curvature, rest = ca.dot(normal, free @ normal), ca.dot(normal, way_held)
 
-    # As far as it holds, or as one of the active ones stops pushing.
+    # Step until the new bound holds, or until the multiplier of an active bound reaches zero.
     enough = ca.if_else(rest > DEPENDENT * curvature, (ca.dot(normal, state.x) - limit) / rest, ca.inf)
     stops = ca.if_else(ca.logic_and(used, change < 0), -state.pushing / change, ca.inf)
     soonest = ca.mmin(stops)
     far = ca.fmin(enough, soonest)
-    goes = ca.logic_and(broken, far < ca.inf)  # else x is the answer, or no x keeps all bounds
+    goes = ca.logic_and(broken, far < ca.inf)  # else x is the answer, or no x satisfies all bounds
     far = ca.if_else(goes, far, 0)
     held = ca.logic_and(goes, enough <= soonest)
     drops = ca.logic_and(goes, ca.logic_not(held))
     into, out = first_true(held * ca.logic_not(used)), first_true(drops * (stops <= soonest))
     stays = ca.logic_not(out)
 
-    # What goes leaves zeros behind, so that what comes only needs adding.
+    # A dropped bound leaves zeros, so a new one is simply added.
     added = into @ against.T
     products = ca.diag(stays) @ stiffness @ ca.diag(stays) + added + added.T + ca.diag(into * ca.dot(normal, way))
     pushing, begun = state.pushing + far * change, state.begun + far
@@ -200,15 +198,11 @@ TOGETHER = 3
 
 
 def active_set_round(form: Form, *, together: int, passes: int = 1, softened: float = SOFTENED) -> ca.Function:
-    """Numbers, multipliers (n + m,) -> x, multipliers and the certificate's residual, one column.
+    """Function: numbers, multipliers (n + m,) -> x, multipliers and the certificate's residual, one column.
 
-    The active bounds rarely change from tick to tick. As equalities they give a linear system, which takes a few matrix
-    products. Only the certificate decides whether its solution counts.
-
-    Bounds and rows with a multiplier are active, and so is every equality.
-
-    At most `together` active inequality rows are used, the first ones, and never more than can be independent. `passes`
-    correction steps undo the regularisation `softened`, which can be tiny if the rows are independent.
+    Bounds and rows with a multiplier, and all equalities, are taken as active. They give a linear system, which takes a
+    few matrix products; the certificate judges its solution. At most the first `together` active inequality rows are
+    used. `passes` correction steps undo the regularisation `softened`.
     """
     n, m, (numbers, data) = form.n, form.m, form.symbols()
     multipliers = ca.SX.sym("multipliers", n + m)
@@ -230,11 +224,11 @@ def active_set_round(form: Form, *, together: int, passes: int = 1, softened: fl
     sideways = solve(free @ rows.T)
     alone = fixed - solve(free @ (gradient + hessian @ fixed))
     stiffness = ca.triu2symm(ca.triu((rows @ free) @ sideways))  # half the entries need computing
-    yielding = softened * ca.diag(stiffness)  # zero of a row over variables that are all held: nothing can meet it
+    yielding = softened * ca.diag(stiffness)  # zero for a row whose variables are all fixed: no step can satisfy it
     held = solver_of(stiffness + ca.diag(ca.if_else(ca.logic_and(used, yielding > 0), yielding, 1)))
     pushing = held(rows @ alone - wanted)
     x = alone - sideways @ pushing
-    for _ in range(passes):  # on what x misses: multipliers of nearly dependent rows are too large to tell
+    for _ in range(passes):  # judged by the miss of x, since multipliers of nearly dependent rows are too large
         more = held(rows @ x - wanted)
         pushing, x = pushing + more, x - sideways @ more
     balance = ca.diag(active[:n]) @ -(hessian @ x + gradient + rows.T @ pushing)
@@ -242,13 +236,13 @@ def active_set_round(form: Form, *, together: int, passes: int = 1, softened: fl
     found = ca.SX.zeros(m)
     found[equalities, 0] = pushing[: len(equalities), 0]
     found[others, 0] = taken.T @ pushing[len(equalities) :, 0]
-    x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only sound parameters come here
+    x, residual = certified_expressions([*data, ca.SX(1)], x, balance, found)  # only valid parameters come here
     output = ca.densify(ca.vertcat(x, balance, found, residual))
     return ca.Function(f"round_{together}", [numbers, multipliers], [output])
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:
-    """(count, rows) selection matrix of the first `count` active rows; unused rows are zero."""
+    """Selection matrix (count, rows) of the first `count` active rows; unused rows are zero."""
     ranks, rank = [], ca.SX(0)
     if not count:
         return ca.SX(0, active.numel())

@@ -27,8 +27,7 @@ __all__ = ["BACKUP", "FUSED", "FallbackChain", "as_in_c"]
 FUSED = FUSED_SOLVERS[0]
 """Name of the solver inside the fused function."""
 BACKUP = "daqp"
-"""Default backup. It solves every feasible QP of `bench/solvers/qp`, the slowest in twice its usual time; proxqp fails
-on 74 and takes up to 50 ms."""
+"""Default backup; it solves every feasible QP of `bench/solvers/qp`."""
 
 
 class FallbackChain:
@@ -36,8 +35,7 @@ class FallbackChain:
 
     Write into `parameters`, call, and read `x`, `residual` and `report`; the next call overwrites these arrays. The
     call returns the name of the solver whose answer is certified, or "". Only a certified answer changes the memory and
-    the warm start in `state`; a warm start that failed is discarded. The residual is NaN before each evaluation, so
-    that an old answer never counts.
+    the warm start in `state`; a warm start that failed is discarded. The residual is NaN before each evaluation.
 
     Parameters
     ----------
@@ -71,7 +69,7 @@ class FallbackChain:
         after, self._verdict = function.outputs[:2]
         self.state, self._answer = (each[: statement.state_size] for each in (self.everything, after))
         self.residual, self.valid, self.report = self._verdict[:1], self._verdict[1:2], self._verdict[3:]
-        # Views of views: reading and assigning through them costs half of numpy's.
+        # Memory views: twice as fast as numpy's indexing.
         self.verdict = cast("memoryview[float]", self._verdict.data)
         self.answer, self.keep = self._answer.data, self.state.data
         self.x = self._answer[: statement.n]
@@ -79,8 +77,8 @@ class FallbackChain:
         self.iterations = -1
         self._set_recorder()
         self._backends = {FUSED: None, solver: self._backend("solver", solver), backup: self._backend("backup", backup)}
-        # The parts are made now: a first failure in the loop must not wait for a compiler. They are compiled only
-        # where they serve the primary solver.
+        # Make the parts now, since a first failure in the loop must not wait for a compiler. Compile them only
+        # if they serve the primary solver.
         parts = (statement.complete, statement.build, statement.certify, statement.finish)
         wanted: Compile = compile if solver != FUSED else False
         self._complete, self._build, self._certify, self._finish = (
@@ -101,8 +99,8 @@ class FallbackChain:
 
     def solve_with_fallback(self) -> str:
         """Try the other solvers after a failed first attempt; return the name of the certified one, or ""."""
-        if not (self.valid[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written, so nothing is known of them
-            return ""  # the parameters themselves cannot be used
+        if not (self.valid[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written
+            return ""  # the parameters themselves are invalid
         self.warm_start(0.0)
         self._same_problem = True
         try:
@@ -113,8 +111,8 @@ class FallbackChain:
     def _solved_by_others(self) -> str:
         if self.backup != self.solver and self._solve_by(self.backup):
             return self.backup
-        # An active set from the last tick can lead qrqp astray where a cold start does not. Its failures are slow, up
-        # to 1.5 ms, and half of those warm are failures cold: the backup, of tens of us, goes first.
+        # An active set from the last tick can mislead qrqp where a cold start succeeds. Its failures are slow, up
+        # to 1.5 ms, so the faster backup goes first.
         if self.solver == FUSED and self._solve_by(FUSED):
             return FUSED
         return ""
@@ -132,7 +130,7 @@ class FallbackChain:
                 solver.forget()
 
     def warm_start(self, x: ArrayLike) -> None:
-        """Start the next solve at x (n,) or a scalar without active bounds; the memory stays."""
+        """Start the next solve at x (n,) or a scalar, without active bounds; the memory is unchanged."""
         n = self.statement.n
         self.state[n : 2 * n + self.statement.m] = 0.0
         self.state[:n] = x
@@ -175,7 +173,7 @@ class FallbackChain:
         *qp, valid = _outputs(build, full, self.memory)
         solver, n, m = self._backends[name], self.statement.n, self.statement.m
         assert solver is not None
-        # A matrix of one column comes flat.
+        # A matrix with one column is flat.
         claim = solver.solve(Instance(qp[0].reshape(n, n), qp[1], qp[2].reshape(m, n), *qp[3:]))
         x, residual = _outputs(certify, *qp, valid, *claim[:3])
         report, memory, violation = _outputs(finish, full, self.memory, x)
@@ -207,9 +205,7 @@ def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np
 def as_in_c(*chains: FallbackChain) -> Iterator[None]:
     """Disable the backup solvers meanwhile, so that generated C, which has none, can repeat a recorded run.
 
-    Raises
-    ------
-    ConfigurationError : the solver does not generate C.
+    Raises `ConfigurationError` if the solver does not generate C.
     """
     for chain in chains:
         if chain.solver != FUSED:

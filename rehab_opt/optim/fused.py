@@ -1,10 +1,7 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
-Certified candidates in order of cost: the statement's analytic answer; if it has `active_set`, the last tick's active
-bounds and the dual active set method; CasADi's qrqp.
-
-CasADi's search for common subexpressions takes most of the time of making a function, so it is off where it would find
-at most 1 %.
+Certified candidates in order of cost: the statement's analytic answer; if the statement has `active_set`, the last
+tick's active bounds and the dual active set method; CasADi's qrqp.
 """
 
 from __future__ import annotations
@@ -27,13 +24,13 @@ FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 ANALYTIC_TOLERANCE = 1e-10
 """Largest residual of an accepted analytic answer; equal to the solvers' tolerance."""
 INDEPENDENT = 1e-13
-"""Relative regularisation of rows from the dual method, which are independent by more than this."""
+"""Relative regularisation of the rows from the dual method, which are independent."""
 PASSES = 2
-"""Correction steps that undo this regularisation."""
+"""Number of correction steps that undo this regularisation."""
 
 
 def fused(statement: Statement) -> ca.Function:
-    """Parameters, state -> state, verdict.
+    """Function: parameters, state -> state, verdict.
 
     A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start and
     the results of the last tick. The verdict stacks the residual, whether the parameters are valid, the index in
@@ -46,7 +43,7 @@ def fused(statement: Statement) -> ca.Function:
     analytic, residual, valid = statement.screen(full, memory)
 
     held = ca.vertcat(analytic, residual, 1)
-    answered = ca.logic_or(residual <= ANALYTIC_TOLERANCE, ca.logic_not(valid))  # no solver sees unusable parameters
+    answered = ca.logic_or(residual <= ANALYTIC_TOLERANCE, ca.logic_not(valid))  # no solver sees invalid parameters
     answer = choice(f"{statement.name}_closed_form", _solve(statement))(answered, held, full, memory, start)
 
     x = answer[:n]
@@ -57,7 +54,7 @@ def fused(statement: Statement) -> ca.Function:
 
 
 def choice(name: str, otherwise: ca.Function) -> ca.Function:
-    """Condition, held, arguments -> `held` if the condition is true, else `otherwise(arguments)`."""
+    """Function: condition, held, arguments -> `held` if the condition is true, else `otherwise(arguments)`."""
     held = ca.MX.sym("held", otherwise.sparsity_out(0))
     arguments = [ca.MX.sym("argument", otherwise.sparsity_in(i)) for i in range(otherwise.n_in())]
     keep = ca.Function("keep", [held, *arguments], [held])
@@ -66,10 +63,7 @@ def choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 
 def _solve(statement: Statement) -> ca.Function:
-    """Complete parameters, memory, start -> x, multipliers, residual, index of the solver.
-
-    Making it takes a third of a controller's construction, so it is cached by the QP's form.
-    """
+    """Function: complete parameters, memory, start -> x, multipliers, residual, index of the solver; cached by form."""
     form, numbers = statement.form()
     solve = remembered((*form[:-2], form.build.serialize()), lambda: _made(form))
     full, memory = (ca.MX.sym("column", statement.build.numel_in(i)) for i in range(2))
@@ -78,12 +72,12 @@ def _solve(statement: Statement) -> ca.Function:
 
 
 def _made(form: Form) -> ca.Function:
-    """Numbers, start -> outputs of `_solve`."""
+    """Function: numbers, start -> outputs of `_solve`."""
     if not form.active_set:
         return _qrqp(form)
     numbers, start = _inputs(form)
     dual = by_dual_active_set(form, exact_round(form))(numbers)
-    # qrqp answers where rows leave a corner of the bounds alone: rounding ends the dual method beyond it.
+    # qrqp answers if the rows leave only a corner of the bounds: there rounding ends the dual method outside.
     answer = choice("qrqp", _qrqp(form))(dual[-1] <= ANALYTIC_TOLERANCE, ca.vertcat(dual, 3), numbers, start)
     by_solvers = ca.Function("by_solvers", [numbers, start], [answer])
     last = _last_active_set(form)(numbers, start[form.n :])
@@ -108,13 +102,13 @@ def exact_round(form: Form) -> ca.Function:
 
 
 def by_dual_active_set(form: Form, exact: ca.Function) -> ca.Function:
-    """Numbers -> x, multipliers, residual; `exact_round` refines the dual method's result."""
+    """Function: numbers -> x, multipliers, residual; `exact_round` refines the dual method's result."""
     numbers, _ = _inputs(form)
     return ca.Function("by_dual", [numbers], [exact(numbers, dual_active_set(form)(numbers))])
 
 
 def _qrqp(form: Form) -> ca.Function:
-    """Numbers, start -> x, multipliers, residual, index of the solver."""
+    """Function: numbers, start -> x, multipliers, residual, index of the solver."""
     n, m, (numbers, start) = form.n, form.m, _inputs(form)
     qp = form.build(numbers)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = qp
@@ -128,5 +122,5 @@ def _qrqp(form: Form) -> ca.Function:
 
 
 def _inputs(form: Form) -> list[ca.MX]:
-    """Symbols: numbers; start (x and multipliers)."""
+    """Symbols of the numbers and of the start (x and multipliers)."""
     return [ca.MX.sym("column", size) for size in (form.build.numel_in(0), 2 * form.n + form.m)]

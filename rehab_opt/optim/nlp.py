@@ -24,7 +24,7 @@ MAX_MAGNITUDE = 1e9
 
 
 class NLPAnswer(NamedTuple):
-    """A solver's answer with its certificate."""
+    """Answer of a solver with its certificate."""
 
     x: Array
     """(n,) inside its bounds."""
@@ -38,14 +38,14 @@ class NLPAnswer(NamedTuple):
     report: Array
     """The statement's report at x."""
     iterations: int
-    """-1 where the solver reports none."""
+    """Number of iterations; -1 if the solver reports none."""
     solver: str
     certified: bool
 
 
 @dataclass(frozen=True, eq=False)
 class NLP:
-    """minimise f(x, p) subject to lower <= x <= upper and lower <= rows(x, p) <= upper.
+    """Minimise f(x, p) subject to lower <= x <= upper and lower <= rows(x, p) <= upper.
 
     The certificate is absolute, in the statement's own units: scale rows and cost so that one tolerance suits all.
 
@@ -131,19 +131,18 @@ class NLP:
 
     @cached_property
     def bounds(self) -> ca.Function:
-        """From p: lower, upper (n,), and the rows' lower, upper (m,)."""
+        """Function: p -> lower, upper (n,), and the rows' lower, upper (m,)."""
         outputs = [self.lower, self.upper, self.rows.lower, self.rows.upper]
         return ca.Function(f"{self.name}_bounds", [self.p], [ca.densify(each) for each in outputs])
 
     @cached_property
     def certify(self) -> ca.Function:
-        """From p, claim (n,) and multipliers (n + m,): x, cost, residual, violation, report.
+        """Function: p, claim (n,) and multipliers (n + m,) -> x, cost, residual, violation, report.
 
         x is the claim clipped into its bounds; this x is certified. The residual is the 2-norm of stationarity grad f +
-        y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound. The product suits
-        interior-point answers, which have both factors near the root of the tolerance at a weakly active bound. A NaN
-        or infinite number makes the residual NaN or infinite: inputs of CasADi's fmax and fmin, which drop NaN, are
-        also compared.
+        y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound; y_x and y are the
+        multipliers of bounds and rows. The product suits interior-point answers, whose two factors are near the root of
+        the tolerance at a weakly active bound. A NaN or infinite number makes the residual NaN or infinite.
         """
         claim, multipliers = ca.SX.sym("claim", self.n), ca.SX.sym("y", self.n + self.m)
         of_bounds, of_rows = self.parted(multipliers)
@@ -170,7 +169,7 @@ class NLP:
             self.lower <= self.upper,
             low <= high,
         )
-        # Not quotients: of a violation that is zero by its form, without rows, CasADi would drop the divisor.
+        # Not quotients: for a structurally zero violation, without rows, CasADi would drop the divisor.
         judged = [ca.if_else(sane, ca.norm_2(each), ca.inf) for each in (parts, violation)]
         outputs = [x, cost, *judged, report]
         name = f"{self.name}_certificate"
@@ -184,7 +183,7 @@ def _slackness(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> c
 
 
 PENALTY = 10.0
-"""Weight of the active rows' squares; Hessians and row gradients are of order one, so one number serves."""
+"""Weight of the active rows' squares; Hessians and row gradients are of order one."""
 FLOOR = 1e-6
 """Smallest pivot, relative to the largest entry."""
 
@@ -192,15 +191,10 @@ FLOOR = 1e-6
 def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Hessian (n, n), positive definite, and gradient (n,) of the next QP's cost.
 
-    The Hessian of the Lagrangian is indefinite at most solutions, but positive definite along the active rows.
-    PENALTY/2 |row + J dx - bound|^2 is therefore added for every equality and every bound with a multiplier. These
-    terms vanish if the row holds in the QP's solution: step and multipliers are those of the exact Hessian, and
-    convergence stays quadratic. A Hessian that is still indefinite is `convexified`.
-
-    Parameters
-    ----------
-    nlp : the statement.
-    multipliers : (n + m,) of bounds and rows; positive at an upper bound.
+    The Hessian of the Lagrangian is positive definite only along the active rows. Therefore PENALTY/2 |row + J dx -
+    bound|^2 is added for every equality and every bound with a multiplier. These terms vanish if the row holds in the
+    QP's solution, so convergence stays quadratic. A Hessian that is still indefinite is `convexified`. `multipliers` (n
+    + m,) of bounds and rows are positive at an upper bound.
     """
     x, rows, jacobian = nlp.x, nlp.rows, nlp.jacobian
     of_bounds, of_rows = nlp.parted(multipliers)
@@ -211,7 +205,7 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
     gap = ca.vertcat(_gap(rows.expression, rows.lower, rows.upper, of_rows), _gap(x, nlp.lower, nlp.upper, of_bounds))
     weight = PENALTY * active
     hessian += normals.T @ ca.diag(weight) @ normals
-    # if_else, not a product: an infinite bound's gap is infinite, and that bound is never active.
+    # if_else, not a product: the gap of an infinite bound is infinite, and that bound is never active.
     gradient = nlp.gradient + normals.T @ ca.if_else(active, PENALTY * gap, 0)
     return convexified(hessian), gradient
 
@@ -220,7 +214,7 @@ def convexified(hessian: ca.SX) -> ca.SX:
     """`hessian` plus a diagonal that makes it positive definite; the diagonal is zero if it safely is.
 
     The modified Cholesky factorisation of Gill, Murray and Wright (Practical Optimization, 1981, 4.4.2.2) without
-    pivoting: straight-line code, a few hundred operations for eight variables.
+    pivoting.
     """
     n = hessian.size1()
     largest = ca.SX(1e-12)

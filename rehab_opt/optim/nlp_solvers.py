@@ -1,4 +1,4 @@
-"""CasADi's nonlinear solvers by name, behind one interface: quiet, with capped iterations, certified."""
+"""Nonlinear solvers of CasADi by name, behind one interface: quiet, with capped iterations, certified."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["NLPSolver", "checked_name", "nlp_solver"]
 Array = NDArray[np.float64]
 
 SQPMETHOD_CHANGES = 100
-"""Cap on the active-set changes of a QP in CasADi's sqpmethod, which has no backup."""
+"""Cap on the active-set changes of a QP in CasADi's sqpmethod."""
 WIDENING = 1e-8
-"""fatrop widens inequality bounds by this; CasADi 3.8 does not pass on its option for that."""
+"""fatrop widens inequality bounds by this; CasADi 3.8 does not pass on the option for it."""
 
 
 def checked_name(argument: str, name: object) -> str:
@@ -48,21 +48,16 @@ def nlp_solver(
 
 
 class NLPSolver:
-    """One of CasADi's `nlpsol` plugins.
+    """One of CasADi's `nlpsol` plugins; an unknown name raises `ConfigurationError`.
 
     The plugin's own tolerances are tighter, so that `tolerance` refers to the certificate's residual.
 
     Parameters
     ----------
-    nlp : the statement.
     name : "ipopt", "fatrop", "sqpmethod" (with qrqp and a convexified Hessian), or another plugin, at its defaults.
     tolerance : largest accepted residual.
     max_iterations : cap on iterations.
     compile : whether to compile sqpmethod, and wait for it; see `compiled`.
-
-    Raises
-    ------
-    ConfigurationError : no such solver.
     """
 
     def __init__(
@@ -83,7 +78,7 @@ class NLPSolver:
         self._solver = ca.nlpsol(f"{nlp.name}_{name}", name, problem, options)
         if name == "sqpmethod":
             self._solver = with_spare_room(self._solver)  # qrqp works inside
-        # In the virtual machine the plugin itself is called, since it also tells its iterations.
+        # In the virtual machine the plugin itself is called, since it also reports its iterations.
         fast = compiled(self._solver, compile=compile) if name == "sqpmethod" else self._solver
         self._fast = None if fast is self._solver else BufferedFunction(fast)
         self._bounds, self._certify = BufferedFunction(nlp.bounds), BufferedFunction(nlp.certify)
@@ -94,13 +89,13 @@ class NLPSolver:
         n = self.nlp.n
         x, y = np.zeros(n), np.zeros(n + self.nlp.m)
         x[:], y[:] = start, multipliers
-        # fatrop was seen to run for ever on NaN, its iteration cap notwithstanding: such data reach no solver.
+        # fatrop may run for ever on NaN despite its iteration cap, so such data reach no solver.
         if not all(np.all(np.abs(each) <= MAX_MAGNITUDE) for each in (self.parameters, x, y)):
             return self._certified(x, y, 0)
         self._bounds.inputs[0][:] = self.parameters
         self._bounds()
         lower, upper, rows_lower, rows_upper = self._bounds.outputs
-        if np.count_nonzero(rows_lower == rows_upper) > n:  # overdetermined: CasADi complains on the terminal
+        if np.count_nonzero(rows_lower == rows_upper) > n:  # overdetermined: CasADi would warn on the terminal
             return self._certified(x, y, 0)
         if self.name == "fatrop":
             (lower, upper), (rows_lower, rows_upper) = _narrowed(lower, upper), _narrowed(rows_lower, rows_upper)
@@ -118,7 +113,7 @@ class NLPSolver:
                     x0=x, p=self.parameters, lbx=lower, ubx=upper, lbg=rows_lower, ubg=rows_upper,
                     lam_x0=y[:n], lam_g0=y[n:],
                 )  # fmt: skip
-            except RuntimeError:  # a plugin's refusal is a failure to solve, no more
+            except RuntimeError:  # a plugin's refusal counts as a failure to solve
                 return self._certified(x, y, -1)
             claim, of_bounds, of_rows = (found[key].full().reshape(-1) for key in ("x", "lam_x", "lam_g"))
             iterations = -1 if self.name == "sqpmethod" else _iterations(self._solver.stats())
@@ -153,7 +148,7 @@ def _iterations(stats: dict[str, Any]) -> int:
 def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
     """Solver options: quiet, capped iterations, no exceptions, tighter than `tolerance`."""
     common: dict[str, Any] = {"error_on_fail": False, "print_time": False, "show_eval_warnings": False}
-    common["calc_lam_p"] = False  # nobody asks for them, and where a solve failed CasADi complains on the terminal
+    common["calc_lam_p"] = False  # not needed, and CasADi would warn on the terminal after a failed solve
     tight = 0.1 * tolerance
     if name == "ipopt":
         own: dict[str, Any] = {
@@ -187,7 +182,7 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
 
 
 def _convex_hessian(nlp: NLP) -> ca.Function:
-    """Convexified Hessian of the Lagrangian for sqpmethod; the exact one took up to half a second."""
+    """Convexified Hessian of the Lagrangian for sqpmethod."""
     of_cost, of_rows = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", nlp.m)
     lagrangian = of_cost * nlp.minimise + ca.dot(of_rows, nlp.rows.expression)
     hessian = convexified(ca.hessian(lagrangian, nlp.x)[0])

@@ -23,7 +23,7 @@ __all__ = ["SQP"]
 Array = NDArray[np.float64]
 
 QP_ITERATIONS = 30
-"""Cap on the active-set changes of one QP; an infeasible one would go on for milliseconds."""
+"""Cap on the active-set changes of one QP; an infeasible QP would continue for milliseconds."""
 QP_VIOLATION = 1e-8
 """A QP with a larger violation of its rows has no solution within the bounds and the radius."""
 
@@ -36,11 +36,8 @@ class SQP:
 
     Parameters
     ----------
-    nlp : the statement.
-    tolerance : largest accepted residual.
-    max_iterations : cap on iterations.
+    tolerance : largest accepted residual. max_iterations : cap on iterations. compile : see `BufferedFunction`.
     radius : largest change of a variable in one iteration, in the variables' units.
-    compile : see `BufferedFunction`.
     """
 
     name = "sqp"
@@ -65,7 +62,7 @@ class SQP:
         self.parameters, self._x, self._multipliers, self._radius = self._step.inputs
         self._radius[:] = radius
         self._next_x, self._next_multipliers, cost, residual, violation, self._report = self._step.outputs
-        # A memoryview yields Python floats at half the price of an array's element.
+        # A memoryview yields Python floats twice as fast as an array.
         self._cost, self._residual, self._violation = (_numbers(each) for each in (cost, residual, violation))
         self._iterate = self._watched_step()
 
@@ -76,12 +73,12 @@ class SQP:
         cap = self.max_iterations if max_iterations is None else max_iterations
         residual, iterations, certified = np.inf, 0, False
         while iterations < cap and not certified:
-            # Compiled, a failed QP ends the function before it writes: the last certificate must not stand.
+            # A failed QP ends compiled code before it writes, so the last certificate is cleared first.
             self._residual[0] = math.nan
             self._iterate()
             iterations += 1
             residual = self._residual[0]
-            if not residual < np.inf:  # NaN or infinite: the next step would be no better
+            if not residual < np.inf:  # NaN or infinite: the next step would fail, too
                 break
             certified = 0.0 <= residual <= self.tolerance
             self._x[:] = self._next_x
@@ -93,7 +90,7 @@ class SQP:
         )  # fmt: skip
 
     def _watched_step(self) -> Callable[[], None]:
-        """The step; its QPs go to the recorder, if one is active now."""
+        """Step whose QPs go to the recorder, if one is active now."""
         recorder = recorder_now()
         if recorder is None:
             return self._step
@@ -112,7 +109,7 @@ def _numbers(array: Array) -> memoryview[float]:
 
 
 def step_function(nlp: NLP) -> ca.Function:
-    """From p, x (n,), multipliers (n + m,), radius: next x and multipliers, their cost, residual, violation, report."""
+    """Function: p, x (n,), multipliers (n + m,), radius -> next x, multipliers, cost, residual, violation, report."""
     n, m = nlp.n, nlp.m
     p, start, y, radius = inputs = _step_inputs(nlp)
     x = _inside(nlp)(p, start)
@@ -124,14 +121,14 @@ def step_function(nlp: NLP) -> ca.Function:
     )  # fmt: skip
     multipliers = ca.vertcat(solution["lam_x"], solution["lam_a"])
     next_x, cost, residual, violation, report = nlp.certify(p, x + solution["x"], multipliers)
-    # What ends the compiled function ends the virtual machine's, too: a QP without a solution gives no step.
+    # As in compiled code, a QP without a solution gives no step.
     residual = residual / _holds(n, m)(solution["x"], a, rows_lower, rows_upper)
     outputs: list[Any] = [next_x, multipliers, cost, residual, violation, report]
     return ca.Function(f"{nlp.name}_step", inputs, outputs)
 
 
 def subproblem_function(nlp: NLP) -> ca.Function:
-    """From the inputs of `step_function`: its QP over the change of x, as in `Instance`."""
+    """Function: inputs of `step_function` -> its QP over the change of x, as in `Instance`."""
     p, start, y, radius = inputs = _step_inputs(nlp)
     *others, lower, upper = _derivatives(nlp)(p, _inside(nlp)(p, start), y)
     outputs = [*others, ca.fmax(lower, -radius), ca.fmin(upper, radius)]
@@ -149,7 +146,7 @@ def _inside(nlp: NLP) -> ca.Function:
 
 
 def _derivatives(nlp: NLP) -> ca.Function:
-    """From p, x, multipliers: H, g, A, and the distances of rows and x to their lower and upper bounds."""
+    """Function: p, x, multipliers -> H, g, A, and the distances of rows and x to their lower and upper bounds."""
     symbols = ca.SX.sym("y", nlp.n + nlp.m)
     hessian, gradient = model(nlp, symbols)
     rows = nlp.rows
@@ -165,7 +162,7 @@ def _derivatives(nlp: NLP) -> ca.Function:
 
 
 def _holds(n: int, m: int) -> ca.Function:
-    """1 where the QP's rows hold, else 0."""
+    """Function that is 1 if the QP's rows hold, else 0."""
     x, matrix, lower, upper = ca.SX.sym("x", n), ca.SX.sym("A", m, n), ca.SX.sym("lower", m), ca.SX.sym("upper", m)
     rows = matrix @ x
     held = all_true(rows >= lower - QP_VIOLATION, rows <= upper + QP_VIOLATION)

@@ -28,11 +28,11 @@ class Form(NamedTuple):
     active_set: bool
     """See `Statement`."""
     build: ca.Function
-    """Valid numbers -> H, g, A, rows_lower, rows_upper, lower, upper, constants included."""
+    """Function: valid numbers -> H, g, A, rows_lower, rows_upper, lower, upper, constants included."""
     certify: ca.Function
 
     def symbols(self) -> tuple[ca.SX, list[ca.SX]]:
-        """A column of number symbols, and the outputs of `build`."""
+        """Column of number symbols, and the outputs of `build`."""
         numbers = ca.SX.sym("numbers", self.build.numel_in(0))
         return numbers, self.build.call([numbers])
 
@@ -57,15 +57,15 @@ class Statement:
     active_set : whether the fused function tries the last tick's active set and the dual active set method before qrqp.
         The cost must then be strictly convex and the equalities independent.
     requires : conditions on the parameters without which no answer is certified.
-    report : column of expressions of parameters and variables, evaluated at the answer; keep it cheap.
-    analytic : (n,) expression of the answer when no bound is active, or None. It is certified like any other answer;
-        the solver runs only if it fails.
-    dual : (m,) expression of the rows' multipliers at the analytic answer, or None where no row is active there.
+    report : column of expressions of parameters and variables, evaluated at the answer.
+    analytic : (n,) expression of the answer when no bound is active, or None. The solver runs only if the certificate
+        of this answer fails.
+    dual : (m,) expression of the rows' multipliers at the analytic answer, or None if no row is active there.
     tick : the marks in these expressions. Parts that do not depend on the variables are evaluated once, before the QP.
     memory : column of symbols for results of the last certified tick, such as its velocity.
     remember : column of expressions of parameters and variables that becomes the next tick's memory.
-    violation : largest violation of the bounds by the command in `remember`, not negative; it is added to the
-        certificate's residual. NaN fails.
+    violation : largest violation of the bounds by the command in `remember`, not negative. The violation is added to
+        the certificate's residual; NaN fails.
 
     Raises
     ------
@@ -114,7 +114,9 @@ class Statement:
 
     @cached_property
     def build(self) -> ca.Function:
-        """Complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, whether all are valid."""
+        """Function: complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, whether all are
+        valid.
+        """
         x, rows = self._x, self._rows
         origin = ca.SX.zeros(self.n)
         hessian = ca.triu2symm(ca.triu(ca.hessian(self.minimise, x)[0]))  # half the entries need computing
@@ -127,7 +129,7 @@ class Statement:
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
     def form(self) -> tuple[Form, ca.Function]:
-        """The QP's structure; and the function complete parameters, memory -> its numbers."""
+        """Structure of the QP, and the function complete parameters, memory -> its numbers."""
         full, memory = ca.SX.sym("full", self.build.sparsity_in(0)), ca.SX.sym("memory", self.memory.numel())
         *data, _ = self.build.call([full, memory])
         entries = ca.vertsplit(ca.veccat(*data))
@@ -145,7 +147,7 @@ class Statement:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """Complete parameters, memory -> outputs of `screened_analytic`; whether the parameters are valid."""
+        """Function: complete parameters, memory -> outputs of `screened_analytic`; whether the parameters are valid."""
         told, residual = screened_analytic(
             self.analytic, self.dual,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, valid=self._valid,
@@ -159,26 +161,26 @@ class Statement:
 
     @cached_property
     def finish(self) -> ca.Function:
-        """Parameters, memory, x -> report, next memory, violation."""
+        """Function: parameters, memory, x -> report, next memory, violation."""
         outputs = [self.report, self.remember, self.violation]
         return self.tick.function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs)
 
     def finish_at(self, answer: ca.SX) -> ca.Function:
-        """Parameters, memory -> outputs of `finish` for an answer given as an expression of complete parameters."""
+        """Function: parameters, memory -> outputs of `finish` for `answer`, an expression of complete parameters."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
         full, x = self.complete(p, memory), ca.Function("answer", [self._p, self.memory], [ca.densify(answer)])
         return ca.Function(f"{self.name}_finish_at", [p, memory], self.finish.call([full, memory, x(full, memory)]))
 
     @cached_property
     def complete(self) -> ca.Function:
-        """Parameters, memory -> complete parameters: parameters and precomputed values in one column."""
+        """Function: parameters, memory -> complete parameters: parameters and precomputed values in one column."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
         column, precompute = self._precomputed
         full = ca.vertcat(p, precompute(p, memory)) if column.numel() else p
         return ca.Function(f"{self.name}_complete", [p, memory], [full])
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
-        """The QP's numbers at given parameters and memory, for inspection."""
+        """Numbers of the QP at given parameters and memory, for inspection."""
         p = np.concatenate([np.asarray(each, dtype=np.float64).reshape(-1) for each in parameters])
         remembered = np.asarray(memory, dtype=np.float64)
         columns = [np.array(each) for each in self.build(self.complete(p, remembered), remembered)[:7]]
@@ -212,6 +214,6 @@ class Statement:
     @cached_property
     def _rows(self) -> Row:
         empty = Row(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
-        # A bound that holds variables moves to the left, so that bounds are numbers; only equal() may have one.
+        # A bound with variables (only in `equal`) moves to the left, so that bounds are numbers.
         rows = [with_numeric_bounds(row, self._x) for row in self.subject_to]
         return Row(*(ca.vertcat(*parts) for parts in zip(empty, *rows, strict=True)))

@@ -1,9 +1,8 @@
 """CasADi's qrqp, with a work space that is large enough.
 
-In casadi 3.6 to 3.8 its dual line search has an integer array with one entry per bound and row. It writes one entry too
-many if every multiplier changes sign in one step (`casadi_qrqp_dual_breakpoints`), which damages the heap. The array is
-the last in the work space, so `with_spare_room` lengthens that. In generated C, a failed solve ends every function
-around it, unless the code goes through `going_on_after_failed_solves`.
+In casadi 3.6 to 3.8 the dual line search of qrqp (`casadi_qrqp_dual_breakpoints`) can write one entry beyond an integer
+array, which damages the heap. The array is the last in the work space, so `with_spare_room` lengthens the work space.
+In generated C, a failed solve ends every function around it, unless the code passes `going_on_after_failed_solves`.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ from rehab_opt.symbolic.compiled import going_on_after_failed_solves
 __all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_options", "with_spare_room"]
 
 QRQP_ITERATIONS = 50
-"""Cap on active-set changes; an answer that is not found by then fails its certificate. Each change takes up to 13 us,
-the backup some tens of us."""
+"""Cap on active-set changes, each of up to 13 us; an answer that is not found by then fails its certificate."""
 FINITE = 1e30
 """Value of a bound that replaces an impossible one."""
 SPARE = 2
@@ -28,8 +26,8 @@ SPARE = 2
 def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.Function:
     """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
 
-    It is quiet, with capped iterations and a tolerance below ours. The certificate rejects the answer of a failure.
-    CasADi would raise for NaN or crossing bounds, so these are replaced; the certificate rejects that answer, too.
+    The certificate rejects the answer of a failure. CasADi would raise for NaN or crossing bounds, so these are
+    replaced, and the certificate rejects that answer, too.
     """
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
     solver = ca.conic(name, "qrqp", shape, qrqp_options(iterations))

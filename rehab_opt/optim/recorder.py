@@ -1,6 +1,6 @@
 """Recorder of the QPs that a running controller solves, for inspection; no cost when off.
 
-A solver made within `recording_qps` records every problem before it solves it; other solvers run unchanged.
+A solver made within `recording_qps` records every problem before it solves it; other solvers are unchanged.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ Array = NDArray[np.float64]
 
 
 class Stream:
-    """The QPs of one solver, in order; stored as parameters until `instances` makes the QPs.
+    """QPs of one solver, in order; stored as parameters until `instances` makes the QPs.
 
     Parameters
     ----------
-    name : of the statement.
-    tolerance : certificate tolerance of the solver.
+    name : of the statement. tolerance : certificate tolerance of the solver.
     make : function from the arguments of `see` to an instance.
     ticks : whether there is one QP a tick, as in a controller; False for iterations and fits.
     skip, most : number of QPs that are skipped first, and largest number that is then recorded.
@@ -56,11 +55,11 @@ class Stream:
 
     @property
     def seen(self) -> list[tuple[Array, ...]]:
-        """The recorded arguments of `see`."""
+        """Recorded arguments of `see`."""
         return list(self._seen)
 
     def instances(self) -> list[Instance]:
-        """The recorded QPs."""
+        """Recorded QPs."""
         return [self._make(*values) for values in self._seen]
 
 
@@ -107,7 +106,7 @@ _NOW: ContextVar[QPRecorder | None] = ContextVar("recorder", default=None)
 
 
 def recorder_now() -> QPRecorder | None:
-    """The active recorder, or None."""
+    """Active recorder, or None."""
     return _NOW.get()
 
 
@@ -115,9 +114,7 @@ def recorder_now() -> QPRecorder | None:
 def recording_qps(*, skip: int = 0, most: int | None = None) -> Iterator[QPRecorder]:
     """Context in which new solvers record their QPs; solvers made outside do not.
 
-    Parameters
-    ----------
-    skip, most : number of QPs of each solver to skip, then to record; None for all.
+    `skip` and `most` are the numbers of QPs of each solver to skip, then to record; None for all.
     """
     recorder = QPRecorder(skip=skip, most=most)
     token = _NOW.set(recorder)

@@ -51,7 +51,7 @@ class Instance(NamedTuple):
 
 
 def parameter(name: str, size: int) -> ca.SX:
-    """A column of numbers that change from tick to tick."""
+    """Column of numbers that change from tick to tick."""
     return ca.SX.sym(name, size)
 
 
@@ -62,26 +62,21 @@ def variable(name: str, size: int, *, lower: Any = -np.inf, upper: Any = np.inf)
 
 
 def equal(left: Any, right: Any) -> Row:
-    """The rows left == right."""
+    """Rows left == right."""
     return within(left, right, right)
 
 
 def within(expression: Any, lower: Any, upper: Any) -> Row:
-    """The rows lower <= expression <= upper; bounds are numbers or expressions of parameters, or infinite."""
+    """Rows lower <= expression <= upper; bounds are numbers or expressions of parameters, or infinite."""
     columns = [ca.SX(each) for each in (expression, lower, upper)]
-    ones = ca.SX.ones(max(column.size1() for column in columns))  # a scalar stands for every row
+    ones = ca.SX.ones(max(column.size1() for column in columns))  # a scalar applies to every row
     return Row(*(column * ones for column in columns))
 
 
 def check_that_it_is_a_qp(
     name: str, cost: ca.SX, x: ca.SX, *, rows: Row, bounds: tuple[ca.SX, ca.SX], given: Sequence[ca.SX]
 ) -> None:
-    """Check that cost, rows and bounds over x and the given symbols form a QP.
-
-    Raises
-    ------
-    ConfigurationError : see `Statement`.
-    """
+    """Check that cost, rows and bounds over x and the given symbols form a QP; errors as in `Statement`."""
     if cost.numel() != 1:
         raise ConfigurationError("minimise", cost.shape, "a scalar cost")
     told = {symbol.element_hash() for column in given for symbol in ca.vertsplit(column)}
@@ -101,7 +96,7 @@ def check_that_it_is_a_qp(
 
 
 def with_numeric_bounds(row: Row, x: ca.SX) -> Row:
-    """The row with variables moved from its bounds to its expression; only an equality may have any there."""
+    """The row with variables moved from its bounds to its expression; only an equality may have variables there."""
     if not (ca.depends_on(row.lower, x) or ca.depends_on(row.upper, x)):
         return row
     if not ca.is_equal(row.lower, row.upper, 50):

@@ -36,8 +36,8 @@ class _Background:
         while True:
             work, raised = self.work.get(), True
             usual = sys.getswitchinterval()
-            # A loop whose ticks let other threads run for a moment each is never asked to do so for longer, where they
-            # come within this interval: a mirror's code was ready in 155 s instead of 13.
+            # A short switch interval lets this thread run between the ticks of a loop; with the default interval a
+            # mirror's code was ready in 155 s instead of 13.
             sys.setswitchinterval(min(usual, TURN))
             try:
                 work()
@@ -47,7 +47,7 @@ class _Background:
                 with self.none_open:
                     self.open -= 1
                     self.none_open.notify_all()
-                    if raised:  # this thread ends: another one does the rest
+                    if raised:  # this thread ends; another one does the rest
                         self.begin()
             del work
 
@@ -63,7 +63,7 @@ _now = _Background()
 def later(work: Callable[[], None]) -> None:
     """Call `work` in the background thread, after all earlier work.
 
-    The child ends when this process exits normally; if the process is killed, the compiler ends within a minute.
+    If this process is killed, a compiler that `work` started ends within a minute.
     """
     with _now.lock:
         _now.open += 1
@@ -83,7 +83,8 @@ def idle(command: Sequence[str], *, environment: Mapping[str, str], seconds: flo
 
     Raises
     ------
-    subprocess.SubprocessError : it failed, or took longer than `seconds`. OSError : there is no such command.
+    subprocess.SubprocessError : the command failed, or took longer than `seconds`.
+    OSError : there is no such command.
     """
     nice = shutil.which("nice")
     first = [nice, "-n", "19"] if nice else []

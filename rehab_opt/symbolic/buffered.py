@@ -24,22 +24,18 @@ _exchanging = threading.Lock()
 
 
 class BufferedFunction:
-    """Write into `inputs`, call, read from `outputs`.
-
-    The next call overwrites the arrays, so copy results that you keep. One thread at a time.
+    """Write into `inputs`, call, read from `outputs`; the next call overwrites the arrays. One thread at a time.
 
     Parameters
     ----------
     function : dense inputs and outputs; a column becomes an array (n,), anything else (rows, columns).
     compile : False evaluates `function` as it is. None compiles it in the background, unless `REHAB_OPT_COMPILE` says
-        otherwise; the virtual machine runs until the code is ready, and results agree to rounding. "wait" waits for the
-        code.
+        otherwise; until the code is ready, the virtual machine runs. "wait" waits for the code.
     inputs : arrays of the caller that serve as input buffers, by input number.
 
     Attributes
     ----------
-    evaluate : the bare evaluation, without Python's overhead; read this attribute anew in each tick, because it may
-        change.
+    evaluate : the bare evaluation, without Python's overhead; read this attribute in each tick, since it may change.
     function : the function that is evaluated now.
     """
 
@@ -65,7 +61,7 @@ class BufferedFunction:
     def _take(self, function: ca.Function) -> None:
         """Evaluate this function from now on, on the same arrays."""
         buffer, evaluate = function.buffer()
-        # CasADi's stub asks for a size too, which a memoryview carries.
+        # CasADi's stub requires a size, which a memoryview contains.
         for i, array in enumerate(self.inputs):
             buffer.set_arg(i, array.reshape(-1, order="F").data)  # type: ignore[call-arg]
         for i, array in enumerate(self.outputs):

@@ -1,9 +1,9 @@
 """CasADi functions as machine code in the user's cache folder; the virtual machine if that is impossible.
 
-`REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_COMPILE=wait` lets every construction wait for its code,
-`REHAB_OPT_CACHE` names another cache folder, `CC` another compiler; `REHAB_OPT_OPTIMISE` sets the compiler's level, 0
-to 3 (default): a lower one compiles faster to slower code with the same numbers. Loading a library executes it, so
-folders that others can write to and libraries of other users are not used.
+Environment variables: `REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_COMPILE=wait` waits for the code of
+every construction. `REHAB_OPT_CACHE` names another cache folder, `CC` another compiler. `REHAB_OPT_OPTIMISE` sets the
+compiler's level, 0 to 3 (default). Loading a library executes it, so libraries of other users, and folders that others
+can write to, are not used.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ __all__ = [
 ]  # fmt: skip
 
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-MODES = hasattr(os, "geteuid")  # Windows has neither owners nor modes that would tell; nothing is judged there
+MODES = hasattr(os, "geteuid")  # Windows has no such owners or modes; nothing is checked there
 
 Compile = Literal["wait", False] | None
 """None: as `REHAB_OPT_COMPILE` says, by default in the background; "wait": wait for the code; False: never."""
@@ -92,14 +92,8 @@ def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> 
 def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
     """`function` as machine code, waiting for a compiler; unchanged if there is none.
 
-    Parameters
-    ----------
-    function : function to compile; it must support code generation.
-    compile : False keeps the virtual machine; `REHAB_OPT_COMPILE=0` does so for any value.
-
-    Returns
-    -------
-    A function of the same name, shapes and, to rounding, the same results.
+    Name, shapes and, to rounding, results stay the same. The function must support code generation. `compile` False
+    keeps the virtual machine; `REHAB_OPT_COMPILE=0` does so for any value.
     """
     code = None if how(compile) == "no" else _code_of(function)
     return function if code is None else _attempt(code, hurry=True) or function
@@ -134,11 +128,8 @@ def machine_code(
 
 
 def how(compile: Compile) -> Literal["no", "background", "wait"]:
-    """Mode of compilation from the argument `compile` and `REHAB_OPT_COMPILE`.
-
-    Raises
-    ------
-    ConfigurationError : unknown value of the argument.
+    """Mode of compilation from the argument `compile` and `REHAB_OPT_COMPILE`; `ConfigurationError` for an unknown
+    value.
     """
     if not (compile is None or compile is False or compile == "wait"):
         raise ConfigurationError("compile", compile, 'None, "wait" or False')
@@ -153,12 +144,7 @@ def compilation_wanted() -> bool:
 
 
 def optimisation() -> str:
-    """The compiler's level from `REHAB_OPT_OPTIMISE`.
-
-    Raises
-    ------
-    ConfigurationError : no such level.
-    """
+    """Level of the compiler from `REHAB_OPT_OPTIMISE`; `ConfigurationError` for an unknown level."""
     level = os.environ.get("REHAB_OPT_OPTIMISE", "3").strip()
     if level not in LEVELS:
         raise ConfigurationError("REHAB_OPT_OPTIMISE", level, f"one of {', '.join(LEVELS)}")
@@ -215,12 +201,12 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
             return None
         try:
             function = _load(folder, code.function, library, table[DIGEST:])
-        except RuntimeError:  # no code of this machine, or not its constants: the next process builds them again
+        except RuntimeError:  # wrong machine or wrong constants: the next process builds them again
             for each in (*folder.glob(f"{name}-*.so"), *folder.glob(f"{own_name}-*.table")):
                 each.unlink(missing_ok=True)
             raise
         if known is None:
-            with suppress(OSError), _workplace(folder) as workplace:  # or it is written anew each time
+            with suppress(OSError), _workplace(folder) as workplace:  # otherwise it would be written each time
                 (workplace / "table").write_bytes(table)
                 _keep(workplace / "table", folder, own_name, ".table")
     except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
@@ -230,7 +216,7 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
 
 
 def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.Function:
-    """The function with these constants, from its own copy of the library, because a copy has one table."""
+    """The function with these constants, from its own copy of the library, since a copy has one table."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)
@@ -245,7 +231,7 @@ def _name(function: str, digest: bytes) -> str:
 
 @contextmanager
 def _workplace(folder: Path) -> Iterator[Path]:
-    """Temporary folder for unfinished files, inside this one if it is writable."""
+    """Temporary folder for unfinished files, inside `folder` if that is writable."""
     try:
         made = tempfile.TemporaryDirectory(dir=folder, prefix=WORKPLACE, ignore_cleanup_errors=True)
     except OSError:
@@ -265,7 +251,7 @@ def cache_folder() -> Path:
 
 
 def _folder() -> Path:
-    """The cache folder, links resolved; a private one for this process if others can write to it."""
+    """Cache folder with links resolved, or a private one for this process if others can write to it."""
     wanted = cache_folder()
     make_private(wanted)
     folder = wanted.resolve()
@@ -275,7 +261,7 @@ def _folder() -> Path:
 
 @functools.cache
 def _instead_of(folder: Path, problem: str) -> Path:
-    """A private folder instead of a cache folder with a problem, which is logged once."""
+    """Private folder instead of a cache folder with a problem, which is logged once."""
     private = _private_folder()
     _log.warning(
         "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "
@@ -287,7 +273,7 @@ def _instead_of(folder: Path, problem: str) -> Path:
 
 @functools.cache
 def _private_folder() -> Path:
-    """A folder for this process alone, removed at its end."""
+    """Folder for this process alone, removed at its end."""
     folder = Path(tempfile.mkdtemp(prefix="rehab_opt-")).resolve()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     problem = exposed(folder)
@@ -297,10 +283,7 @@ def _private_folder() -> Path:
 
 
 def _cached(folder: Path, name: str, kind: str) -> bytes | None:
-    """Content of a cached file if it is this user's and undamaged (its digest is in its name).
-
-    Loading a truncated library would end the process.
-    """
+    """Content of a cached file if it is this user's and undamaged; its digest is in its name."""
     for file in folder.glob(f"{name}-*{kind}"):
         content = _own_content(file)
         if content is not None and file.stem.rpartition("-")[2] == _digest(content):
@@ -310,7 +293,7 @@ def _cached(folder: Path, name: str, kind: str) -> bytes | None:
 
 
 def _keep(product: Path, folder: Path, name: str, kind: str) -> bytes:
-    """Move a file into the cache in one step, because two processes may build at once."""
+    """Move a file into the cache in one step, since two processes may build at once."""
     product.chmod(0o700)  # whatever the umask: see `_own_content`
     content = product.read_bytes()
     product.replace(folder / f"{name}-{_digest(content)}{kind}")
@@ -330,7 +313,7 @@ def _digest(content: bytes) -> str:
 
 
 def _own_content(file: Path) -> bytes | None:
-    """A file's content; None if it is a link or others can change it."""
+    """Content of a file; None if it is a link or others can change it."""
     try:
         with open(file, "rb", opener=_without_links) as opened:
             return opened.read() if owned(opened.fileno()) else None
@@ -349,7 +332,7 @@ def build_library(folder: Path, name: str, source: str, compiler: Sequence[str],
         written, product = workplace / "code.c", workplace / "code.so"
         written.write_text(source)
         command = [*compiler, str(written), "-o", str(product), "-lm"]
-        # What a compiler leaves behind when it is killed goes with the rest.
+        # Leftovers of a killed compiler are removed with the folder.
         environment = os.environ | {"TMPDIR": str(workplace)}
         if hurry:
             subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_SECONDS, env=environment)
@@ -372,15 +355,11 @@ def _compiler() -> tuple[str, str] | None:
 
 
 def going_on_after_failed_solves(code: str) -> str:
-    """C code changed so that a failed qrqp returns its last point and continues, as in the virtual machine.
+    """Change C code so that a failed qrqp returns its last point and continues, as in the virtual machine.
 
-    CasADi's own code returns an error, whatever `error_on_fail` says, and all functions around it return without
-    writing their outputs. No certificate then judges the point, and no fallback runs; an arm that started singular
-    stayed there.
-
-    Raises
-    ------
-    ConfigurationError : the installed CasADi writes other code for qrqp.
+    In CasADi's own code a failed qrqp returns an error, and all functions around it return without writing their
+    outputs. So no certificate judges the point, and no fallback runs. Raises `ConfigurationError` if the installed
+    CasADi writes other code for qrqp.
     """
     edited, count = EARLY_RETURN.subn("", code)
     if count != edited.count(SOLVE):
@@ -407,10 +386,9 @@ def make_private(folder: Path) -> None:
 
 
 def exposed(folder: Path) -> str:
-    """Why others could put code into an existing folder (resolved path), or an empty text.
+    """Reason why others could put code into an existing folder (resolved path), or an empty text.
 
-    Others must not be able to write to it or to a folder above, where they could replace it; a sticky folder above,
-    such as /tmp, is safe. Then others cannot interfere between this check and the loading of a library.
+    Others must not be able to write to it or to a folder above it; a sticky folder above, such as /tmp, is safe.
     """
     if not MODES:
         return ""

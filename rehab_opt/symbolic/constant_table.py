@@ -1,9 +1,8 @@
 """Move the constants of CasADi's C code to a table: one library serves all functions that differ only in numbers.
 
 CasADi writes limits, lengths, gains and time steps as literals, and equal ones share a variable, so the text depends on
-them. Here each variable is assigned once, and each use of a constant reads its own table entry. Two controllers of one
-structure then have the same text, unless a number changes the operation that CasADi writes: 0, 1 and 2 do, and in
-matrix functions also numbers that are not positive.
+them. Here each use of a constant reads its own table entry. Two controllers of one structure then have the same text,
+unless a number changes the operation that CasADi writes; 0, 1 and 2 do.
 """
 
 from __future__ import annotations
@@ -79,10 +78,10 @@ def with_table(code: str) -> tuple[str, bytes]:
 
     written = FILLED.sub("\\1\0\\2\0", "\n".join(lines))
     written = ARRAY.sub(named, CONSTANT.sub(entry, written))
-    table.append(0.0)  # C knows no empty table
+    table.append(0.0)  # C has no empty arrays
     return AROUND % {"count": len(table), "code": written}, table.tobytes()
 
 
 def shape_of(code: str) -> str:
-    """The code without the sizes of work spaces, which depend on the number of constants."""
+    """Code without the sizes of work spaces, which depend on the number of constants."""
     return WORKSPACE.sub("", code)

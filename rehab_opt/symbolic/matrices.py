@@ -31,9 +31,9 @@ def _extended(minors: dict[tuple[int, ...], ca.SX], column: Sequence[ca.SX]) -> 
 
 
 def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
-    """Right-hand sides (n, k) -> solutions (n, k) for a symmetric, positive definite matrix (n, n).
+    """Function: right-hand sides (n, k) -> solutions (n, k) for a symmetric, positive definite matrix (n, n).
 
-    The result is not finite for another matrix: the caller must certify it.
+    For another matrix the result is not finite: the caller must certify it.
     """
     diagonal, factor, order = ca.ldl(ca.densify(matrix), False)
 
@@ -56,7 +56,7 @@ def upper_triangle(matrix: ca.SX) -> ca.SX:
 
 
 def symmetric(column: ca.SX, n: int) -> ca.SX:
-    """The symmetric matrix (n, n) from its upper triangle as a column."""
+    """Symmetric matrix (n, n) from its upper triangle as a column."""
     matrix, entries = ca.SX(n, n), iter(range(triangle(n)))
     for j in range(n):
         for i in range(j + 1):

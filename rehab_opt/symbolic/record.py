@@ -23,8 +23,6 @@ class Values:
 class Record:
     """Names and sizes of the parts of a column.
 
-    Parameters
-    ----------
     sizes : name -> length of the part.
     """
 
@@ -42,29 +40,29 @@ class Record:
         return int(self.places[name].start)
 
     def symbols(self, name: str) -> Values:
-        """A column of symbols, and its parts."""
+        """Column of symbols, and its parts."""
         return self.parts(ca.SX.sym(name, self.size))
 
     def parts(self, column: ca.SX) -> Values:
-        """A column (size,), and its parts."""
+        """Parts of a column (size,)."""
         return Values(column, {each: column[place] for each, place in self.places.items()})
 
     def changed(self, values: Values, **others: ca.SX) -> Values:
-        """The values with some parts replaced."""
+        """Values with some parts replaced."""
         parts = {each: others.pop(each, getattr(values, each)) for each in self.places}
         if others:
             raise KeyError(*others)
         return self.parts(self.of(**parts))
 
     def numbers(self, **parts: ArrayLike) -> NDArray[np.float64]:
-        """(size,) column of numbers; a scalar fills its part."""
+        """Column (size,) of numbers; a scalar fills its part."""
         column = np.empty(self.size)
         for name in self.places.keys() | parts.keys():
             column[self.places[name]] = parts[name]
         return column
 
     def of(self, **parts: ca.SX) -> ca.SX:
-        """(size,) column of these parts."""
+        """Column (size,) of these parts."""
         if parts.keys() != self.places.keys():
             raise KeyError(*(parts.keys() ^ self.places.keys()))
         column = ca.densify(ca.vertcat(*(ca.vec(ca.SX(parts[name])) for name in self.places)))

@@ -29,15 +29,10 @@ _made: dict[Hashable, Any] = {}
 
 
 class PerThread(threading.local, Generic[T]):
-    """One object per thread, made when the thread first reads `mine`.
+    """One object per thread, made by `make` when the thread first reads `mine`.
 
-    Immutable objects must keep buffers only in here: CasADi lets other threads run while it evaluates, so a shared
-    buffer could return another thread's numbers or crash the process. The function itself may be shared. A thread's
-    object ends with the thread.
-
-    Parameters
-    ----------
-    make : makes the object, in the thread that needs it, so it should not compile.
+    CasADi lets other threads run while it evaluates, so a shared buffer could return another thread's numbers or crash
+    the process. Immutable objects must therefore keep buffers only in here; the function itself may be shared.
     """
 
     def __init__(self, make: Callable[[], T]) -> None:  # Python calls it again in each thread
@@ -45,7 +40,7 @@ class PerThread(threading.local, Generic[T]):
 
 
 class Evaluator:
-    """Evaluates expressions; builds a function for each at first use. Any thread may use it."""
+    """Evaluate expressions; a function is built for each at first use. Any thread may use it."""
 
     def __init__(self) -> None:
         self._functions: dict[str, PerThread[BufferedFunction]] = {}
@@ -57,12 +52,12 @@ class Evaluator:
             symbols = [ca.SX.sym("value", *value.shape) for value in values]
             function = ca.Function("of", symbols, [ca.densify(expression(*symbols))], {"cse": True})
             made = PerThread(lambda: BufferedFunction(function))
-            known = self._functions.setdefault(expression.__name__, made)  # should two threads have built it at once
+            known = self._functions.setdefault(expression.__name__, made)  # two threads may have built it at once
         return known.mine.of(*values)
 
 
 class HasEvaluator:
-    """Base of immutable objects that evaluate expressions; the functions for that are not pickled."""
+    """Base of immutable objects that evaluate expressions; their functions are not pickled."""
 
     @cached_property
     def _evaluator(self) -> Evaluator:
@@ -81,8 +76,8 @@ class HasEvaluator:
 def remembered(form: Hashable, make: Callable[[], T]) -> T:
     """`make()`, cached by `form`, which must contain everything that the result depends on.
 
-    Threads may share the result: each evaluation takes its own work space, and CasADi's wheels count references
-    atomically. Other builds of CasADi, and the form None, are not cached.
+    Threads may share the result, since CasADi's wheels count references atomically. With other builds of CasADi, and
+    with the form None, nothing is cached.
     """
     if form is None or not ATOMIC:
         return make()
@@ -94,7 +89,7 @@ def remembered(form: Hashable, make: Callable[[], T]) -> T:
 
 
 def form_of_parts(*parts: object) -> bytes | None:
-    """A form of all parts; None if one is a user's code, which may change under the same name."""
+    """Form of all parts; None if one is a user's code, which may change under the same name."""
     written = io.BytesIO()
     try:
         _Parts(written).dump(parts)

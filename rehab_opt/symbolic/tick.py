@@ -42,7 +42,7 @@ class Stages:
     def when(
         self, condition: ca.SX, value: ca.SX | Callable[[], ca.SX], otherwise: ca.SX | Callable[[], ca.SX]
     ) -> ca.SX:
-        """`value` where the condition holds, else `otherwise`, of the same shape; only that one is evaluated.
+        """`value` if the condition holds, else `otherwise`, of the same shape; only that one is evaluated.
 
         Both are expressions, or functions without arguments that return one and may set marks.
         """
@@ -60,7 +60,7 @@ class Stages:
         return ca.reshape(column, *shape)
 
     def call(self, function: ca.Function, *arguments: ca.SX) -> tuple[ca.SX, ...]:
-        """Outputs at expressions of a function that may contain branches."""
+        """Outputs of a function that may contain branches, at `arguments`."""
         shapes = [function.size_out(i) for i in range(function.n_out())]
         into = [function.size_in(i) for i in range(function.n_in())]
 
@@ -80,7 +80,7 @@ class Stages:
         finally:
             self._stages = outer
 
-    # -------------------------------------------------------------------------------------------- what follows of them
+    # ------------------------------------------------------------------------------------------------ derived functions
     def function(self, name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
         """Function from columns of symbols to expressions of these and of marked symbols."""
         return _function(name, self._stages, inputs, outputs)
@@ -90,8 +90,7 @@ class Stages:
     ) -> tuple[ca.SX, ca.Function]:
         """Marked symbols that the expressions use and that do not depend on `later`; and a function for them.
 
-        The function maps inputs to one column of their values. `function` with these and `later` as further inputs
-        gives the rest.
+        The function maps `inputs` to one column of their values.
         """
         late, asked = _hashes(later), _hashes(*expressions)
         for stage in self._stages:
@@ -108,24 +107,22 @@ class _Once:
     """A marked value."""
 
     symbols: ca.SX
-    """(k,)"""
     value: ca.SX
-    """(k,)"""
 
     @cached_property
     def gives(self) -> set[int]:
-        """Its symbols."""
+        """Symbols of this value."""
         return _hashes(self.symbols)
 
     @cached_property
     def free(self) -> set[int]:
-        """Symbols that it needs."""
+        """Symbols that this value needs."""
         return _hashes(self.value)
 
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """A function that is not made of scalar expressions alone."""
+    """A function call that is not a scalar expression."""
 
     columns: list[ca.SX]
     """Symbols of the outputs."""
@@ -133,16 +130,16 @@ class _Call:
     """Arguments as columns."""
     evaluated: Callable[[list[ca.MX], _Known], list[ca.MX]]
     beside: frozenset[int] = frozenset()
-    """Further symbols that it needs."""
+    """Further symbols that the call needs."""
 
     @cached_property
     def gives(self) -> set[int]:
-        """Its symbols."""
+        """Symbols of the outputs."""
         return _hashes(*self.columns)
 
     @cached_property
     def free(self) -> set[int]:
-        """Symbols that it needs."""
+        """Symbols that the call needs."""
         return _hashes(*self.arguments) | self.beside
 
 
@@ -175,11 +172,11 @@ class _Known(list[_Place]):
     """Columns whose values are known."""
 
     def holding(self, symbols: AbstractSet[int]) -> list[_Place]:
-        """Columns with one of the symbols; the first one if none has, because a CasADi call needs an input."""
+        """Columns with one of the symbols; the first one if none has, since a CasADi call needs an input."""
         return [place for place in self if not symbols.isdisjoint(place.symbols)] or self[:1]
 
     def slice_of(self, expression: ca.SX) -> ca.MX | None:
-        """The value of an expression that is a slice of a known column; None otherwise."""
+        """Value of an expression that is a slice of a known column; None otherwise."""
         if not expression.numel():
             return ca.MX(0, 1)
         looked = [each.element_hash() if each.is_symbolic() else None for each in ca.vertsplit(expression)]
@@ -217,8 +214,7 @@ def _function(
 def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
     """Column of the marked symbols in `asked` that are no input; and a function from inputs to its value.
 
-    It alternates between one function, for all values that need no further branch and share subexpressions, and the
-    branches that depend on its outputs.
+    The function alternates between one part without branches and the branches that depend on its outputs.
     """
     needed, level = _needed(stages, inputs, asked)
     given = [ca.MX.sym("given", each.numel()) for each in inputs]
