@@ -52,7 +52,7 @@ class IKSolution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class IKPath:
-    """Postures along a path of N samples: errors and tilts are (N,) in m and rad."""
+    """Postures along a path of N samples; position errors are in m, handle tilts in rad."""
 
     q: Array
     """(N, n) [rad]"""
@@ -250,7 +250,7 @@ class ArmIK(OneThread):
         return self._second_stage(search, query, near)
 
     def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
-        """Search the nearest reachable position, to separate an unreachable target from a solver failure."""
+        """Search for the nearest reachable position, to separate an unreachable target from a solver failure."""
         nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"

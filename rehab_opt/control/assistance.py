@@ -27,7 +27,7 @@ class Assistance(BoundedForce):
     """Force on a hand [N] from a field, gated by a workspace and bounded as in `BoundedForce`.
 
     In the therapy modes ("stretch", "assist", "resist") the desired force is zero inside the comfortable workspace.
-    There the delivered force never grows, and it is zero after at most force_limit / slew_limit seconds.
+    Inside the workspace the delivered force never grows, and falls to zero within force_limit / slew_limit seconds.
 
     Parameters
     ----------

@@ -21,9 +21,9 @@ TINY = 1e-12
 def assistance_statement() -> Statement:
     """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step.
 
-    The parameters are the desired force (2,) within the ceiling, the ceiling, the step and the force limit, all in N.
-    The memory is the last force. The rows are tangents of both discs at the closed-form answer, so the multipliers
-    certify the answer for the discs. A solver's answer outside the discs is shortened afterwards.
+    The parameters, all in N, are the desired force (2,), which is within the ceiling, the ceiling, the step and the
+    force limit. The memory is the last force. The rows are tangents of both discs at the closed-form answer, so the
+    multipliers certify the answer for the discs. A solver's answer outside the discs is shortened afterwards.
     """
     desired, last = parameter("desired", 2), parameter("last", 2)
     ceiling, step, force_limit = (parameter(name, 1) for name in ("ceiling", "step", "force_limit"))

@@ -45,7 +45,7 @@ def turned(rotation: Array, vector: Array) -> Array:
 
 # ------------------------------------------------------------------------------------------------- as functions
 def rigid_function() -> ca.Function:
-    """CasADi function `is_rigid` of a pose with all 16 entries."""
+    """CasADi function from a pose (16 entries) to 1 if it is rigid, see `is_rigid`."""
     pose = ca.SX.sym("pose", 16)
     return ca.Function("rigid", [pose], [is_rigid(ca.reshape(pose, 4, 4).T)], {"cse": True})
 

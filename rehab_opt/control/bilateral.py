@@ -6,8 +6,8 @@ same on both sides.
 
 Each side has its own force bounds and energy tank. The sides exchange messages, which may be delayed or lost. Every
 message transfers a fraction of the sender's tank. In sum the forces deliver at most the tanks' initial energy plus the
-work of the hands. Messages are numbered; a duplicate, or a message older than the last one, is ignored. A number that
-leaps by more than 100 counts only once its successor arrives.
+work of the hands. Messages are numbered; a duplicate, or a message older than the last one, is ignored. A message whose
+number leaps by more than 100 counts only once its successor arrives.
 """
 
 from __future__ import annotations

@@ -118,7 +118,8 @@ class ParticipantSide(OneThread):
     def reset(self) -> None:
         """Set the force to zero, fill the tank and forget all messages.
 
-        Serial numbers continue, but restart with a new object. If one side is a new object, replace the other, too.
+        Serial numbers continue, and restart only with a new object: if one side is a new object, replace the other,
+        too.
         """
         self._claim()
         self.force.reset()
@@ -148,7 +149,8 @@ class ParticipantSide(OneThread):
 
 
 class HelperSide(OneThread):
-    """Render the participant's force to the helper as J(x_h)' F, inside the map's source workspace.
+    """Render the participant's force to the helper, by the map's transposed Jacobian, inside the map's source
+    workspace.
 
     Parameters
     ----------

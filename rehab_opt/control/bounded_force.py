@@ -74,8 +74,8 @@ class BoundedForce(OneThread):
 
     The force limit always holds exactly. The slew limit holds except in a release flagged `Relaxed.SLEW`: the hand is
     faster than `speed_cap`, or the energy is too small for a slower release. The delivered energy stays within the
-    budget if the hand stays below the speed cap and ticks come within `max_age`. A faster hand can once draw the force
-    limit times its jump.
+    budget if the hand stays below the speed cap and ticks come within `max_age`. A hand that jumps faster than the
+    speed cap can once draw the force limit times the jump's length.
 
     The force falls to zero within the slew limit if the solver has no answer, a sensor value is invalid, a stamp is
     stale or `enable` is released. An object belongs to one thread, see `OneThread`.
@@ -246,7 +246,7 @@ class BoundedForce(OneThread):
 
     @property
     def energy_left(self) -> float:
-        """[J] Energy that may still be delivered, by the most cautious estimate."""
+        """Lower bound of the energy [J] that may still be delivered."""
         return self._now[self._level] - self._now[self._pending]
 
     @property
@@ -337,7 +337,7 @@ class BoundedForce(OneThread):
         return command
 
     def _command(self, solved: memoryview[float], names: Sequence[str]) -> Command:
-        """Command from the numbers of `SOLVED`; the next tick starts from this force."""
+        """Command from the numbers of `SOLVED`; the next tick starts from its force."""
         _, x, y, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
         self._held[0], self._held[1], self.desired_force = x, y, (rest[3], rest[4])
         value = _read_only(self._held.tobytes())  # a copy

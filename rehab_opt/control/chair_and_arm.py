@@ -1,10 +1,9 @@
 """QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds.
 
-The QP is feasible in every tick, in the notation of `ChairAndArm`. Let d be the hand's last velocity minus its part
-along r, and let c be one tick of the hardest braking of all joints together. The command c satisfies the acceleration
-limits and every bound at z and on the way to z, and does not change z. With c the hand velocity is J c = w + progress_c
-r/|r| + e with w <= (1 - dt/T) d, so off = |e| satisfies the task. The hand motion besides r is at most (1 - dt/T) |d|
-plus a term of order dt |u|^2 from the changing Jacobian.
+The QP is feasible in every tick, since one tick c of the hardest braking of all joints together satisfies all rows.
+Braking satisfies the acceleration limits, does not change the stop posture z, and every bound holds at z and on the way
+to z. The task rows hold with off = |e|. The hand motion off the command r decays: it is at most 1 - dt/T times that of
+the last tick, plus a term of order dt |u|^2 from the changing Jacobian.
 """
 
 from __future__ import annotations

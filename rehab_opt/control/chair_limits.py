@@ -77,9 +77,10 @@ class ChairLimits:
 
     If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
     accelerations allow. A command that moves into or deeper into an obstacle or keep-out, or beyond a user's limit, is
-    blended with braking, and if need be with rest (`kept`). Only then is the acceleration limit relaxed. The rows of a
-    user's limits and of a `Clearance` also hold on the way to z, with moving bodies at their current positions. While
-    the stick commands a motion, `base` moves away from approaching bodies, which may exceed the acceleration limit.
+    blended with braking, and if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit.
+    The rows of a user's limits and of a `Clearance` also hold on the way to z, with moving bodies at their current
+    positions. While the stick commands a motion, `base` moves away from approaching bodies, which may exceed the
+    acceleration limit.
 
     Parameters
     ----------
@@ -190,12 +191,12 @@ class ChairLimits:
 
     @cached_property
     def bodies_on_the_way(self) -> ca.Function:
-        """See `control.limit`."""
+        """`PostureLimits.bodies_on_the_way` for chair and arm."""
         return self.own.bodies_on_the_way(way=self.led, seconds=self._times[1::2], change=self.braking.change)
 
     @cached_property
     def _times(self) -> list[float]:
-        """[s] Times to the places `ALONG`."""
+        """Times [s] to the fractions `ALONG` of the way to rest."""
         return [part * self.braking.time for part in ALONG]
 
     def kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
@@ -259,6 +260,6 @@ class ChairLimits:
 
 
 def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Velocity interval within `ends` that `change` can reach, widened to include `base`."""
+    """Velocity interval within `ends` that is reachable with changes up to `change`, widened to include `base`."""
     lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)

@@ -165,7 +165,7 @@ class ChairObstacles:
         return rows
 
     def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
-        """Two columns (8,) for a post: a row now and one half-way to the stop posture; no row and one at its end."""
+        """Two columns (8,) for a post: a row now and one half-way to rest; an empty row and one at the stop posture."""
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
         now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))

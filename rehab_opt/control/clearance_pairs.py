@@ -132,8 +132,8 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Function: q, last velocity, moving capsules, time -> column of the contacts with the least room, see `read`.
 
-        The last entry is the least distance of all pairs at q minus the margin. Contacts are extrapolated from half of
-        the time.
+        The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at half of the
+        time.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
@@ -225,7 +225,7 @@ class ClearancePairs:
 
     @cached_property
     def _told(self) -> tuple[Array, Array]:
-        """(4, pairs) of each kind: 0 for an end that another pair covers, that of the thickest body there."""
+        """Flags (4, pairs) of each kind: 0 for an end that the pair of a thicker body covers."""
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]
         pairs = [(("link", i), ("link", j)) for i, j in self.linked]

@@ -1,6 +1,6 @@
 """Prepare a motion tracker's samples for a controller: even resampling, NaN for lost sight, noise filter.
 
-Whole recordings (`conditioned`) and single samples (`Conditioner`) give the same numbers.
+A whole recording (`conditioned`) and its single samples (`Conditioner`) give the same result.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ class _Stretches:
 
     @property
     def newest(self) -> _Sample | None:
-        """Sample that the next one may continue."""
+        """Last sample, accepted or held, with which the next one must be consistent."""
         return self.held[-1] if self.held else self.last
 
     def take(self, sample: _Sample) -> list[_Sample]:
-        """Accept a sample: return it, it with the beginning of its stretch, or nothing."""
+        """Samples accepted now: none, this sample, or this sample and the beginning of its stretch."""
         newest = self.newest
         goes_on = newest is not None and self._goes_on(newest, sample)
         if newest is not None and sample.stamp <= newest.stamp:

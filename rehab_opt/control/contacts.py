@@ -2,8 +2,8 @@
 
 The distance of two parallel segments is not smooth: a small tilt moves the nearest point from one end to the other. So
 each function returns several contacts: the nearest points, and the points at which two parallel bodies would touch
-first after a tilt. Each contact joins two material points, so its distance is smooth. Rows on all contacts do not
-chatter, unlike a row on the nearest contact alone.
+first after a tilt. Each contact joins two material points, so its distance is smooth. QP rows on all contacts avoid the
+chatter of a row on the nearest contact alone.
 
 A contact is a column of `CONTACT` numbers: distance [m]; unit normal (3,), from the other body towards the first;
 moment p x normal (3,) [m] with the contact point p; velocity of the other body's point along the normal [m/s]. A
@@ -124,7 +124,7 @@ def capsule_and_capsule(
 
 
 def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give more room to a contact beside a nearer one (`places` in m), or if another pair covers it."""
+    """Give more room to contacts that lie beside a nearer one (`places` in m) or that another pair covers."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
             nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]

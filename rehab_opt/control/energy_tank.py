@@ -52,10 +52,10 @@ class EnergyTank:
     reserve, unless a jump follows at once. Energy that the hand puts in is added, up to the budget, if every step was
     measured.
 
-    A force acts with a delay of up to `window`, except for a lagging remainder. So a step dx costs the largest F.dx
-    over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. `ceiling` is the largest
-    force F that leaves enough energy for a release within the slew limit after a tick of length `late`, with the forces
-    F_j under way:
+    A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a step dx costs the
+    largest F.dx over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. `ceiling` is
+    the largest force F that leaves enough energy for a release within the slew limit after a tick of length `late`,
+    with the forces F_j under way:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
@@ -146,7 +146,7 @@ class EnergyTank:
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
         """Account for a force (2,) commanded for at most `seconds`, with any hand motion within the speed cap.
 
-        Over the ticks, `surely` [s] sums up to the elapsed time; past commands expire by it.
+        `surely` [s] is the tick's length without jitter; past commands expire after the sum of these.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
         draws = self._to_come + ca.norm_2(force) * reach

@@ -251,8 +251,8 @@ def anew(slots: int) -> ca.Function:
 
 @cache
 def hear(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two more -> `watched_record`, `NUMBERS`, the
-    two.
+    """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two numbers -> `watched_record`, `NUMBERS`,
+    both.
 
     A message is new if its serial exceeds that of every accepted message, and exceeds that of the newest or of the last
     received message by at most `LEAP`. Other messages give NaN and no energy.

@@ -2,8 +2,8 @@
 
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
-Here led is the commanded position, which delay and noise do not disturb. [low, high] is its low-passed range over the
-last LATE to 2 LATE, relative to its current value. A servo with a delay or lag of up to LATE keeps its joint in this
+Here led is the commanded position, which delay and noise do not disturb. [low, high] is the low-passed range of led
+over the last LATE to 2 LATE, relative to led now. A servo with a delay or lag of up to LATE keeps its joint in this
 range. At rest the range is empty, so the commanded position moves to the encoder.
 """
 
@@ -59,7 +59,8 @@ def led_memory(n: int) -> Record:
 class FrontEnd:
     """Track the commanded positions of n joints at ticks of dt [s].
 
-    The first `base` joints are the position of a base, whose values are used directly and checked only after a change.
+    The first `base` joints are the position of a base, whose values are used directly and checked only after they first
+    change.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ def check_mode(mode: Mode, field: PotentialField) -> None:
 
 
 def numbers_of(field: PotentialField) -> Array:
-    """`FIELD` of a field."""
+    """Parameters (`FIELD`) of a field."""
     return FIELD.numbers(sharpness=1 / field.width**2, damping=field.damping)
 
 
@@ -135,7 +135,7 @@ def guided_force(edges: int) -> ca.Function:
 
 @cache
 def reflected_force(edges: int) -> ca.Function:
-    """Function of a force from the image of the hand, through the map's transposed Jacobian, with damping.
+    """Function that maps a force at the hand's image to the hand, by the map's transposed Jacobian, with damping.
 
     Inputs: position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), force at the image (2,) [N],
     damping [N s/m], `PULL_BACK`, `edge_columns` of the workspace. Output: desired force (2,) [N], a pull back outside

@@ -104,8 +104,8 @@ class GuardedPoint(NamedTuple):
 def guarded_points(chain: SerialChain) -> tuple[GuardedPoint, ...]:
     """Balls that represent the whole arm beside a plane: if they are clear of the plane, so is the arm.
 
-    They are the ends of the capsules, the origins of the frames and of the tool (first), unless always inside another
-    ball.
+    The balls are the ends of the capsules, and the origins of tool (first) and frames. A ball that lies inside another
+    is left out.
     """
     origin = (0.0, 0.0, 0.0)
     balls = [GuardedPoint(frame, origin, 0.0) for frame in range(chain.n + 2)]

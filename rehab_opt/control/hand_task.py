@@ -196,7 +196,7 @@ class HandTask:
         return Row(ca.densify(then), lower - fixed, upper - fixed)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on a command, see `ASIDE`; 1 if fewer rows, or a moving chair, leave self-motion."""
+        """Factor on the joint speeds near a singular posture, see `ASIDE`; 1 if self-motion remains."""
         if self.moving[0] < CHAIR or not {"x", "y", "z"} <= set(self.rows):
             return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])
@@ -220,7 +220,8 @@ class HandTask:
     def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
         """Jacobian (k, n) of the stick's rows at given arm joints; the chair's velocities are in its own frame.
 
-        turned : [rad] turn of the chair since that frame. heading : [rad] of that frame in the frame of the rows.
+        turned : [rad] turn of the chair since the frame of its velocities. heading : [rad] of that frame in the rows'
+            frame.
         """
         posture = ca.vertcat(0, 0, turned, arm)
         jacobian, pose = self.robot.chain.jacobian_expression(posture), self.robot.chain.pose_expression(posture)

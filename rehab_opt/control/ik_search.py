@@ -125,7 +125,7 @@ class IKSearch:
     def nearest(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
         """Posture with the hand nearest to `target` and the handle in its cone, best of many starts; or None.
 
-        Given `near` (k,), its local answer is returned unless another start comes closer by a micrometre.
+        Given `near` (k,), the local answer from there is returned unless another start comes closer by a micrometre.
         """
         plain, sharp = self._nearest_parameters(target), self._nearest_parameters(target, SHARPNESS)
         starts, _ = self.table.near(target, self.nearest_starts)
@@ -175,7 +175,7 @@ class IKSearch:
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property
     def _dexterity(self) -> float:
-        """Weight of the squared manipulability: the caller's weight over its mean on the range of motion."""
+        """Weight of the squared manipulability: the caller's weight over the mean square on the range of motion."""
         if not self._manipulability:
             return 0.0
         postures = self.table.postures
@@ -206,7 +206,7 @@ class IKSearch:
         return np.concatenate([self._fixed, target, [sharpness / max(1.0, distance)]])
 
     def _better(self, best: NLPAnswer | None, other: NLPAnswer, margin: float = 0.0) -> NLPAnswer | None:
-        """The answer that is closer by more than `margin` [m], if its handle is in the cone; certified or not."""
+        """`other` if its handle is in the cone and its hand is nearer than that of `best` by `margin`; else `best`."""
         if not 0 <= other.violation <= self.tolerance:
             return best
         return other if best is None or other.report[0] < best.report[0] - margin else best

@@ -8,8 +8,9 @@ step's start bound speed and displacement. With E = (M x'^2 + K x^2) / 2, every 
 A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, counts measured
 forces and positions. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`; dy is the hand's motion relative to
 its reference, and the 0.02 W compensate noise. As T falls, the damping B reserve / T grows, until the hand hardly
-responds to forces but still returns, which fills the tank. A time t after rest, sum F . dy >= -reserve - 0.02 W t, less
-the energy still under way when the tank ran empty. This holds for any delay, if the hand is at its measured position.
+responds to forces but still returns, which fills the tank. So the energy -sum F . dy that a hand delivers within a time
+t from rest is at most reserve + 0.02 W t, plus energy under way when the tank ran empty. This bound holds for any
+delay, if the hand is at its measured position.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Interaction:
     The reference slows down from the force `slow_from` and stands still at `limit`. At `stop_at`, or without a valid
     force, the arm decelerates to rest. The arm continues after `hold` seconds below `release` x `stop_at`.
 
-    ISO/TS 15066, as quoted, allows 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
+    ISO/TS 15066 is quoted with 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
     distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected.
     """
 
@@ -101,8 +102,8 @@ class Interaction:
         """Function: force [N] (3,), whether it is measured, `FELT`, hand minus last reference [m] (3,) -> `FELT`,
         verdict.
 
-        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. NaN is an unknown
-        hand.
+        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. An unknown hand
+        position is NaN.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
         old = FELT.symbols("state")
@@ -152,7 +153,7 @@ class Interaction:
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """Displacement and velocity without the part along the displacement that the hand, `away` (3,) [m], missed."""
+        """Displacement and velocity without the part that the hand did not follow; `away` is hand minus reference."""
         refused = moved - away
         missing = ca.norm_2(refused)
         way = refused / ca.fmax(missing, 1e-12)

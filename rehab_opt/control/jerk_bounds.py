@@ -7,7 +7,7 @@ ticks, finite differences satisfy
 
 with the bounds V, A and J of velocity, acceleration and jerk. The state after u can stop if a continuous-time stop
 exists from u with an initial acceleration b, |b - (u - v)/dt| <= J dt/2. The velocities of this stop at the ends of
-ticks satisfy every difference. Held velocities travel further than the shortest stop by a known distance, up to
+ticks satisfy all these bounds. Held velocities travel further than the shortest stop by a known distance, up to
 `MARGIN` J dt^3. The stopping distance is convex in u, so two successive chords bound it on the safe side.
 
 A position limit is relaxed only if no velocity can satisfy it any more; the other bounds never are.
@@ -120,7 +120,7 @@ class JerkBounds(NamedTuple):
         )
 
     def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Interval without overshoot of the unconstrained velocities (n,), since acceleration needs time to end."""
+        """Interval in which no joint overshoots its unconstrained velocity, since acceleration needs time to end."""
         slower = last <= unconstrained
         most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
         least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))
@@ -134,7 +134,7 @@ class JerkBounds(NamedTuple):
         return ca.if_else(room >= 0, last + dt * change, ceiling)
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(n,) largest velocity that can stop before the limit; and whether the whole interval can."""
+        """(n,) largest velocity that can stop before the limit; and whether every velocity of the interval can stop."""
         near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # a joint at rest within the margin may stay
 
         def beyond(u: ca.SX) -> ca.SX:

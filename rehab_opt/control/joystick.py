@@ -97,12 +97,11 @@ class Joystick(OneThread):
         self._give_away()
 
     def step(self, axes: ArrayLike, *, switch: object = False, gripper: object = False) -> StickCommand:
-        """User's current command; invalid numbers give a zero command with a reason, a wrong shape
-        `ConfigurationError`.
+        """User's current command; invalid numbers give a zero command with a reason.
 
         Parameters
         ----------
-        axes : (2,) deflection forward and to the left, each -1 to 1.
+        axes : (2,) deflection forward and to the left, each -1 to 1; a wrong shape raises `ConfigurationError`.
         switch : button that changes the mode when pressed. gripper : button that opens and closes the gripper.
         """
         if self._owner != get_ident():

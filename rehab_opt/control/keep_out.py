@@ -32,9 +32,10 @@ TOUCHING = 1e-9
 class ArmKeepOuts:
     """Every distance h of a link from a keep-out is zero or more at the end of a tick, or no less than now.
 
-    `limits` are linear. At the posture q, h falls by at most h / T per second. Within the margin, h falls no faster
-    than braking allows while `CLEAR` is left, so that an arm can slide along a keep-out. At the place of `ALONG` with
-    the least distance, h stays above a margin that grows along the way. `no_deeper` checks the exact posture.
+    At the posture q, h falls by at most h / T per second, with the braking time T. Within the margin, h falls no faster
+    than braking allows while `CLEAR` is left, so that an arm can slide along a keep-out. At that fraction of the way to
+    rest (`ALONG`) where h is least, h stays above a margin that grows along the way. `no_deeper` checks the exact
+    posture.
 
     Parameters
     ----------

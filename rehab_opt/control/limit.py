@@ -221,7 +221,7 @@ class PostureLimits:
         """R (m, n), r (m,) of R u <= r, and `base`, moved within `ends` so that it satisfies the rows, see `rows`.
 
         The velocities are q' = turn u. If `base` still violates a limit in this tick, it moves further, within `hard`.
-        If `gives_way` is 0, `base` does not move away from approaching bodies and does not leave a margin.
+        If `gives_way` is 0, `base` moves neither away from approaching bodies nor out of a margin.
         """
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
@@ -291,7 +291,7 @@ class PostureLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """`first_kept` for `judged`."""
+        """`first_kept` with the test `judged`."""
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
@@ -321,14 +321,14 @@ class PostureLimits:
 
     @cached_property
     def all_clear(self) -> ca.Function:
-        """`judged`, but no body may be nearer than its margin, even by its own motion."""
+        """As `judged`, but no body may be nearer than its margin, even by its own motion."""
         q, told, velocity = self._tick_symbols()
         assert self.clearance is not None
         ends = self.clearance.distances(q + velocity * self.dt, told, self.dt)
         return self._and_kept(ca.Function("all_clear", [q, told, velocity], [self._none_below(ends)]))
 
     def _and_kept(self, among_bodies: ca.Function) -> ca.Function:
-        """`among_bodies`, and no `Limit` further below zero."""
+        """As `among_bodies`, and no `Limit` may fall further below zero."""
         inputs = self._tick_symbols()
         verdict = among_bodies(*inputs)
         if self.limits:
@@ -351,7 +351,7 @@ class PostureLimits:
 
     @cached_property
     def clear(self) -> ca.Function:
-        """`judged` for bodies alone."""
+        """As `judged`, for bodies alone."""
         (q, told, velocity), verdict = self._tick_symbols(), ca.MX(1)
         if self.clearance is not None:
             then, distances = ca.SX.sym("then", len(self.clearance.names)), self.clearance.distances
@@ -381,7 +381,7 @@ class PostureLimits:
         return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, and their largest decrease per second (m,) and in this tick (m,)."""
+        """Slopes (m, n) of the least distances, and their largest allowed decrease per second and in this tick (m,)."""
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
             slopes, least, spent = self._tangents(q, last, self._ways)
@@ -396,7 +396,7 @@ class PostureLimits:
     def _between_bodies(
         self, last: ca.SX, distances: ca.SX, slopes: ca.SX, changes: ca.SX
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """`_now` for contacts; the slopes are those at mid-tick, at the last velocity."""
+        """As `_now`, for contacts; the slopes are those at mid-tick, at the last velocity."""
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
         # Near the posture of the largest distance no joint moves to and fro.
@@ -405,7 +405,7 @@ class PostureLimits:
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, these (m,), and the largest error of their tangents (m,).
+        """Slopes (m, n) and values (m,) of the least distances, and the largest errors of their tangents (m,).
 
         The error is that of the last velocity in a tick, plus a margin for a change of velocity.
         """

@@ -78,7 +78,7 @@ class Bound(ABC):
     """A limit."""
 
     def at_most(self, tick: Stages, way: Way) -> ca.SX:
-        """(m,) cheap upper bound: not positive only if `excess` is not."""
+        """(m,) cheap upper bound of `excess`: if it is not positive, neither is `excess`."""
         return self.excess(tick, way)
 
     @abstractmethod
@@ -257,7 +257,7 @@ class Kept(Bound):
         return ca.vertcat(ca.SX(0, 1), *(2 * ROUNDING - self._along(tick, each, way) for each in self._kinds))
 
     def _along(self, tick: Stages, kind: Posture, way: Way) -> ca.SX:
-        """(k,) h on the way to rest; at all points only if h is close to zero at its ends and its middle."""
+        """(k,) h at the ends and the middle of the way to rest, and in between if those values are close to zero."""
 
         def at(part: float) -> ca.SX:
             place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
@@ -328,7 +328,7 @@ class Kept(Bound):
         return Rows(*(ca.vertcat(*column) for column in zip(*found, strict=True)))
 
     def _aside(self, q: ca.SX) -> ca.SX:
-        """(n,) step from q to a nearby posture that shows a way up, if h is below zero without a slope at q."""
+        """(n,) step from q to a nearby posture where h has a slope, if h is below zero and flat at q."""
         size = ca.DM(np.linspace(0.5, 1, self._chain.n) * ASIDE)
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
@@ -350,6 +350,6 @@ def _with_parabolas(h: Sequence[ca.SX]) -> ca.SX:
 
 
 def largest_part(a: ca.SX, b: ca.SX, most: float) -> ca.SX:
-    """Largest fraction, at most 1, of b that can be added to a within the length `most`."""
+    """Largest fraction, at most 1, of vector b that can be added to vector a within the length `most`."""
     bb, ab, room = ca.fmax(ca.sumsqr(b), 1e-18), ca.dot(a, b), ca.fmax(most**2 - ca.sumsqr(a), 0)
     return ca.fmin((ca.sqrt(ab**2 + bb * room) - ab) / bb, 1)

@@ -61,8 +61,7 @@ class LinearLimit(NamedTuple):
     def max_step_size(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
         """Largest step size, at most 1, along `way` (n,) from velocities `begin` (n,), or rest, within the limit.
 
-        The step may exceed the limit by `slack`. It must not increase the violation of a `begin` that violates the
-        limit.
+        The step may exceed the limit by `slack`. If `begin` violates the limit, the violation must not grow.
         """
         matrix, upper = self.one_sided
         if not self.row_count:

@@ -51,7 +51,7 @@ class Intervals(NamedTuple):
 
 
 def further(ticks: ca.SX) -> ca.SX:
-    """F: distance travelled in `ticks` of braking, in ticks at the present velocity."""
+    """F: braking distance over `ticks` ticks, in units of one tick at the present velocity."""
     n = ca.floor(ticks)
     return n - n * (n + 1) / (2 * ca.fmax(ticks, 1e-12))
 
@@ -84,8 +84,7 @@ class Manoeuvre:
     def intervals(self, q: ca.SX, last: ca.SX) -> Intervals:
         """Intervals of joints at q (n,) with the last command `last` (n,).
 
-        The velocity limit always holds. Then no joint moves beyond, or further beyond, its limit. Acceleration comes
-        last.
+        Velocity limits take precedence over position limits, and these over accelerations.
         """
         dt, speed, change = self.dt, self.speed, self.change
         seconds = dt * (1 + further(self.ticks(last) + 1))

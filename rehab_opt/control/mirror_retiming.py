@@ -1,7 +1,7 @@
 """Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of tick-by-tick planning.
 
-The reference's clock and the hand's path length are two more axes. The new ticks are checked like commands; a passage
-that violates a bound is rejected.
+Ruckig treats the reference's clock and the hand's path length as two more axes. The new ticks are checked like
+commands; a passage that violates a bound is rejected.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _passed(
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
     """Ruckig's passage, and the tick of the plan for each of its ticks; None if no passage is faster than the plan.
 
-    `ways` (M,) and the speed factor `slow` (M,) hold around each tick of the plan.
+    `ways` (M,) and `slow` (M,) give the way through the points and the speed factor around each tick of the plan.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 

@@ -33,7 +33,7 @@ class MirrorStatement(PoseTracker):
     def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
         """Report of `PoseTracker`, whether the reference may continue at its own pace, and the final w / w_max.
 
-        The scale is that of the clock, except for a robot that is blocked and at rest.
+        The reported scale is the clock's pace, except for a robot that is blocked and at rest.
         """
         moves = ca.logic_or(report[1] > 0, ca.mmax(ca.fabs(command)) > STANDS)
         usual = [

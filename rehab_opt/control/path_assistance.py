@@ -152,7 +152,7 @@ class PathAssistance(BoundedForce):
         return PROGRESS.numbers(**full | {"grip": 1.0, "gap": 1.0, "place": first, "along": along})
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
-        """Reset, see `BoundedForce.reset`, with the hand at the path's start."""
+        """Reset as `BoundedForce.reset` does, with the hand at the path's start."""
         super().reset(energy=energy, force=force)
         if hasattr(self, "_proceed"):  # not yet in the constructor
             self._begin()
@@ -160,7 +160,7 @@ class PathAssistance(BoundedForce):
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """`BoundedForce.step`; the progress is updated if the tick's position is valid."""
+        """Take a step as `BoundedForce.step` does, and update the progress if the tick's position is valid."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if not self.valid:
             self._state_of_path[PROGRESS["gap"]] = 1.0

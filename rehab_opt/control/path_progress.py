@@ -101,7 +101,7 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Position, in samples after the first of `beside`, of the nearest point in the window; of equal ones the last."""
+    """Index, from the first of `beside`, of the point in the window that is nearest to the hand; on ties the last."""
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
         way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]

@@ -3,7 +3,8 @@
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
 The path is cut into zones; in each zone every axis has largest derivatives. v, a and j are an axis's bounds of
-velocity, acceleration and jerk. With fractions c, the progress in a zone is bounded by the minimum over the axes of
+velocity, acceleration and jerk. With the fractions c_a, c_j and c_x, the progress in a zone is bounded by the minimum
+over the axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))
@@ -114,7 +115,7 @@ def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTimi
 def _reached(speed: float, way: float, acceleration: float, jerk: float) -> float:
     """Largest speed that can be reached within `way`, with zero acceleration at both ends.
 
-    A rise x takes x / a + a / j seconds, or 2 (x / j)^(1/2) if it is below a^2 / j, at the mean speed.
+    A rise of the speed by x takes x / a + a / j seconds, or 2 (x / j)^(1/2) for x below a^2 / j, at the mean speed.
     """
     brief = acceleration / jerk
     if way >= (2.0 * speed + acceleration * brief) * brief:

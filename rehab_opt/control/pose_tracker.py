@@ -106,7 +106,7 @@ class PoseTracker(PoseInputs):
     1. min |J (u - b) - e/S|^2 + d |u - b|^2  s.t. low <= u <= high, and the tangents of `limits` at the stop posture
 
        Here J is the Jacobian and e the pose error at the stop posture, b the velocity after a tick of braking, and
-       S [s] the derivative of the stop posture by u. The damping d grows with the part of e that the limits leave.
+       S [s] the derivative of the stop posture by u. The damping d grows with the part of e that limits leave over.
     2. The velocity changes straight towards the result, within accelerations and hand speeds.
     3. If the result is not allowed, it is blended with braking until it is.
 
@@ -226,7 +226,7 @@ class PoseTracker(PoseInputs):
         return report
 
     def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
-        """Target velocity without rows, whether it is far from all limits, and the rows for when it is not."""
+        """Target velocity without rows; whether it is far from all limits; if not, the rows of the limits."""
         brake = self._manoeuvre
         aim = tick.once(clipped(clipped(task.w, task.lower, task.upper), -brake.speed, brake.speed))
         far = tick.once(kept.far(tick, Way(now.state, aim, further(brake.ticks(aim)))))
@@ -273,7 +273,7 @@ class PoseTracker(PoseInputs):
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
     def _task(self, tick: Stages, now: Now, target: ca.SX, error: ca.SX, twist: ca.SX) -> Task:
-        """Step on the error at the stop posture relative to the target, from its `error` (6,) now."""
+        """Levenberg-Marquardt step on the pose error at the stop posture; `error` (6,) is the pose error now."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
         movable = ca.diag(ca.DM(~chain.locked))

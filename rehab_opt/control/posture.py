@@ -25,7 +25,7 @@ ELBOWS = ("forearm_extension", "elbow")
 
 
 class History(NamedTuple):
-    """Reference postures (n,) of costs; None if there is none yet."""
+    """Reference postures (n,) of the cost terms; None before the first sample."""
 
     previous: Array | None = None
     """One sample ago."""

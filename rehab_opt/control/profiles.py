@@ -25,9 +25,10 @@ class Profiles:
     """Current motion of the axes: state, current profile, and finite differences of the output.
 
     The position bounds hold by induction. A profile is accepted only if all of it is inside and its axes can stop
-    inside from its end; otherwise the current profile continues. Each axis stops on its own, without Ruckig. If its
-    stop would leave the bounds because the axis is about to reverse, the axis continues along its profile until its
-    stop is inside. Only if `start` set an axis outside or too fast before its bound, the position bound is relaxed.
+    inside from its end; otherwise the current profile continues. Each axis stops on its own, without Ruckig. If the
+    stop of an axis would leave the bounds because the axis is about to reverse, the axis continues along its profile
+    until its stop is inside. Only if `start` set an axis outside or too fast before its bound, the position bound is
+    relaxed.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class Profiles:
         return len(self._stops) == len(self._rest)
 
     def leads_out(self, axis: int, position: float, speed: float) -> bool:
-        """Whether an axis at constant `speed` from `position` cannot be stopped inside a tick later."""
+        """Whether an axis that moves on from `position` at constant `speed` can no longer stop inside after a tick."""
         low, high, _, acceleration, jerk = (bound[axis] for bound in self.bounds)
         return not low <= position + speed * self._dt + stopping_distance(speed, acceleration, jerk) <= high
 
@@ -135,7 +136,8 @@ class Profiles:
         """Advance by one tick; return the certificate residual of the new state, which is always finite.
 
         The residual is the largest relative excess of the finite differences of `p` over the velocity, acceleration and
-        jerk bounds, and of `p` over the position bounds [u]. If it is too large, the axes stop from the last state.
+        jerk bounds, and of `p` over the position bounds [u]. If the residual is too large, the axes stop from the last
+        state.
         """
         state = self._sample()
         residual = self._residual(state[0])

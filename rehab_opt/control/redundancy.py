@@ -72,7 +72,7 @@ class RedundancyResolver(OneThread):
     limits : further limits of the posture in the world frame: `Limit`s, and a `Clearance` of the arm, also against the
         chair. Without a command the robot does not move away from bodies. Beyond such a limit, or beside an approaching
         body, accelerations and other limits' rates are relaxed; the guarantees above do not hold there.
-    self_motion : weight of grad c in Eq. (1): v(r') = self_motion |r'|.
+    self_motion : weight of the posture cost's gradient in Eq. (1): v(r') = self_motion |r'|.
     dt : nominal tick [s], at most 0.02; in longer ticks the Jacobian changes too much for the guarantees.
     recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
     solver, backup : see `FallbackChain`. tolerance : largest accepted residual [m/s, rad/s].
@@ -159,7 +159,7 @@ class RedundancyResolver(OneThread):
     # ------------------------------------------------------------------------------------------------- the state
     @property
     def row_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Sets of rows with functions."""
+        """Sets of task rows that have functions."""
         return tuple(self._sets)
 
     @property
@@ -245,14 +245,15 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (n,) that move the hand to a target, through the same QP; to be called in every tick.
 
-        The hand moves straight at up to 0.25 m/s along each world axis, plus 0.12 m/s while it lags. It slows down so
-        that chair and arm can stop at the target. If bounds hold it back, it continues along the straight line from
-        there.
+        The hand moves straight at up to 0.25 m/s along each world axis, plus 0.12 m/s while it lags. The hand slows
+        down so that chair and arm can stop at the target. If bounds hold the hand back, it continues along the straight
+        line from there.
 
         Parameters
         ----------
         q : (n,) current joint positions [m, rad].
-        target : (3,) target of the hand in the world frame [m], which may jump. More than 100 m away it is refused.
+        target : (3,) target of the hand in the world frame [m], which may jump; a target more than 100 m away is
+            refused.
         moving, enable, stamp : see `step`.
         """
         if self._owner != get_ident():

@@ -83,9 +83,9 @@ class ClockStatement:
         return ca.Function("read", [samples, *given], [ca.vertcat(pose, ca.DM([0, 0, 0, 1])), twist])
 
     def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
-        """Samples passed in this much reference time, at most to the newest, if it `goes`; and the clock then.
+        """Number of samples passed in `seconds` of reference time, at most to the newest; and the clock then.
 
-        The lengths (window,) are the samples' seconds.
+        `lengths` (window,) [s] are the times between samples. If `goes` is 0, the clock stands still.
         """
         passed, fraction, lag, going = ca.SX(0), clock.fraction, clock.lag, goes
         for i in range(self.window - 1):

@@ -52,7 +52,7 @@ class Smoother(OneThread):
     axes : n, needed if every bound is a scalar; default 1.
     recovery_speed : return speed of an axis that was reset outside its bounds, as a fraction of `velocity`.
     straight : whether axes that start at rest move on the straight line to the target, as fast as the slowest allows.
-        From a motion they arrive together, on or near that line if the motion is along it.
+        Axes that already move arrive together, near that line if they move along it.
     """
 
     def __init__(

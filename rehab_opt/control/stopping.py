@@ -128,7 +128,7 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
     A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all dt ((k
-    + 1) v - change k (k + 1)/2). This function inverts that piecewise linear relation. Zero without room.
+    + 1) v - change k (k + 1)/2). This function inverts that piecewise linear relation. Without room the speed is zero.
     """
     room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
@@ -138,8 +138,8 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
 def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
     """Largest speed towards a limit at which a delayed servo does not overshoot the limit.
 
-    Near the limit it is `approach` times the room, so that braking fades out. Further away it is the parabola of the
-    deceleration `GENTLE`, with a smooth transition.
+    Near the limit the speed is `approach` times the room, so that braking fades out. Further away the speed is the
+    parabola of the deceleration `GENTLE`, with a smooth transition.
     """
     if approach == math.inf:
         return ca.SX.inf(room.shape)
@@ -190,9 +190,7 @@ class BrakingTogether:
         return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Largest remaining fraction of a velocity that must vanish within T / 1.1 + `LATER`; `slower` alone never
-        ends.
-        """
+        """Largest remaining fraction of a velocity off the command, which vanishes within T / 1.1 + `LATER`."""
         return ca.fmin(self._left, 1 - self._part * _taken_away(velocity, self.change))
 
 

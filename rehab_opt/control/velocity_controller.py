@@ -67,8 +67,8 @@ class VelocityController(OneThread, ABC):
     """Controller whose command is a joint velocity held until the next tick.
 
     A subclass defines its QP. The QP's first parameter is q (n,), its first variables are the joint velocities (n,).
-    Its memory begins with the last velocity and the position after it (2 n,), the result of `remember`. The subclass's
-    `step` writes the inputs into `_views`, or through `_write`, and calls `_tick`. The command is
+    The QP's memory begins with the result of `remember`: the last velocity and the position after it (2 n,). The
+    subclass's `step` writes the inputs into `_views`, or through `_write`, and calls `_tick`. The command is
     `memory[command_slice]`, by default the last velocity; `memory[wheels]` are wheel speeds.
 
     A new controller is at rest, unless `reset` sets a velocity. It acts on the joints' commanded positions;
@@ -216,7 +216,7 @@ class VelocityController(OneThread, ABC):
 
     @cached_property
     def hurried(self) -> ca.Function:
-        """Whether joints change from one velocity (n,) to another faster than their accelerations allow."""
+        """Function: whether joints change from one velocity (n,) to another faster than their accelerations allow."""
         last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
         faster = ca.sum1(ca.fabs(velocity - last) > max_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
         return ca.Function("hurried", [last, velocity], [faster])
@@ -254,8 +254,8 @@ class VelocityController(OneThread, ABC):
     def stopping(self) -> ca.Function:
         """Function: parameters, state -> state after the fallback command; relaxed bounds, whether it moves; q (n,).
 
-        The last valid position replaces an invalid one, and the warm start is discarded. `braking` gets the last
-        parameters with valid numbers, too.
+        The last valid position replaces an invalid one, and the warm start is discarded. `braking` also gets the last
+        parameters, except those with an invalid number.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)

@@ -1,4 +1,4 @@
-"""The command nearest to a given command that satisfies rows."""
+"""Nearest command to a given command, subject to rows of a QP."""
 
 from __future__ import annotations
 
