@@ -1,7 +1,7 @@
 """ARDIS: a wheelchair and the four-joint arm on it as one chain. Table 1, Honzik.
 
-The paper gives only the joints' order and axes. Every length, mass and limit here is an assumption and can be set. They
-are chosen so that the hand reaches the floor, a table and a lift's buttons, as the paper requires.
+The paper gives only the joints' order and axes. Every length, mass and limit is an assumption, and an argument. With
+the defaults the hand reaches the floor, a table and a lift's buttons, as the paper requires.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["ARDIS_KEEP_OUT", "ARDIS_READY", "ardis"]
 Array = NDArray[np.float64]
 
 _NAMES = ("forward", "left", "turn", "shoulder_flexion", "shoulder_rotation", "elbow", "wrist")
-# Upper arm from leaning back 20 deg to hanging 165 deg forward and down; elbow nearly stretched at 85 deg.
+# The upper arm goes from 20 deg backwards to 165 deg forward and down; at 85 deg the elbow is nearly stretched.
 _LOWER = (-math.inf, -math.inf, -math.inf, *np.deg2rad([-165.0, -100.0, -75.0, -170.0]))
 _UPPER = (math.inf, math.inf, math.inf, *np.deg2rad([20.0, 100.0, 85.0, 170.0]))
 
@@ -73,15 +73,16 @@ def ardis(
 
     Parameters
     ----------
-    a3, d4 : [m] shoulder in front of and to the right of the chair's turning point. d5, d7 : [m] upper arm; forearm
-        with hand.
-    mount_height : [m] of the shoulder above the floor.
+    a3, d4 : [m] distance of the shoulder to the front and to the right of the chair's turning point.
+    d5, d7 : [m] lengths of the upper arm, and of forearm and hand.
+    mount_height : [m] height of the shoulder above the floor.
     chair_mass : [kg] with its user. chair_turn_inertia : [kg m^2] about the turning point.
     shoulder_mass, upper_arm_mass, forearm_mass, hand_mass, payload : [kg]; the hand holds the payload.
-    rotors : (7,) inertia of motors and gears as seen at the joints [kg m^2; for the chair kg].
-    lower, upper, velocity, acceleration : (7,) limits; the chair's in the chassis frame, its positions unbounded.
+    rotors : (7,) inertia of motors and gears at the joints [kg m^2; for the chair kg].
+    lower, upper, velocity, acceleration : (7,) limits; those of the chair are in the chassis frame, and its positions
+        are unbounded.
     mecanum, differential, outline, keep_out : see `MobileArm`.
-    limit_cost, singular_cost : weights in c of Eq. (1).
+    limit_cost, singular_cost : weights of the posture cost c of Eq. (1).
 
     Raises
     ------
@@ -105,8 +106,8 @@ def ardis(
         rows, lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, names=_NAMES,  # type: ignore[arg-type]
         base=_base(mount_height),
     )  # fmt: skip
-    # In link frames: 3 is under the shoulder with x forward, y down, z right; the upper arm lies along -y of 5, and the
-    # forearm along z of 6 and 7, which begin at the elbow and at the hand.
+    # Link frame 3 is under the shoulder, with x forward, y down and z right. The upper arm lies along -y of frame 5,
+    # the forearm along z of frames 6 (at the elbow) and 7 (at the hand).
     upper_arm, forearm = np.array([0.0, d5, 0.0]), np.array([0.0, 0.0, d7])
     bodies = (
         Body("chair", CHAIR, chair_mass, np.array([-a3, 0.0, 0.0]), chair_turn_inertia * np.eye(3)),
@@ -126,7 +127,7 @@ def ardis(
         keep_out=keep_out,  # type: ignore[arg-type]
         limit_cost=limit_cost,
         singular_cost=singular_cost,
-        hand_volume=d5 * d7**2,  # upper arm across the forearm, both across the axis that turns them
+        hand_volume=d5 * d7**2,  # upper arm and forearm at right angles to each other and to the joint axes
     )
 
 

@@ -19,11 +19,11 @@ __all__ = ["ArmLink", "LinkEnd", "arm_links", "arm_reach", "hand_volume", "links
 Array = NDArray[np.float64]
 
 SAMPLES = 5
-"""Number of random postures; a quantity equal at all of them is taken as constant."""
+"""Number of random postures; a quantity that is equal at all of them counts as constant."""
 SAME = 1e-9
 """[m] A smaller distance, or [m/rad] motion of the hand, is rounding."""
 LOOKED_AT, REFINED = 1000, 3
-"""Random postures that are evaluated, and how many of the best start a search for the largest volume."""
+"""Number of random postures that are evaluated, and number of the best ones that start a search."""
 
 
 class LinkEnd(NamedTuple):
@@ -52,12 +52,12 @@ class ArmLink(NamedTuple):
 
 
 def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = True) -> tuple[ArmLink, ...]:
-    """The capsules on links after joint `first`; a chain without them gets segments from joint to joint.
+    """The capsules on links after joint `first`; a chain without capsules gets segments from joint to joint.
 
     Parameters
     ----------
-    first : number of joints before the arm. radius : [m] of the segments.
-    moved : False selects only the links that no joint of the arm moves, such as a column on the chair.
+    first : number of joints before the arm. radius : [m] radius of the segments.
+    moved : True selects the links that a joint of the arm moves, False the others, such as a column on the chair.
     """
     given = [each for each in chain.capsules if each.frame > first]
     if given:
@@ -68,7 +68,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
         origins = [LinkEnd(frame, (0.0, 0.0, 0.0), True) for frame in range(first, chain.n + 2)]
         places = _places(chain, origins, first)
         kept = [0]
-        for i in range(1, len(origins)):  # of two that coincide, fewer joints move the first
+        for i in range(1, len(origins)):  # if two coincide, fewer joints move the first
             if np.abs(places[i] - places[kept[-1]]).max() > SAME:
                 kept.append(i)
         moves = _moved(chain, origins, first)

@@ -25,7 +25,7 @@ MASSLESS = (
     "no link of the arm has a mass in its file: chair and arm share the motion by the chair's mass and the rotors"
 )
 
-# World to forward, forward to left, left to turn: rotations whose z lies along x, along y, and up.
+# Rotations from the world to the joint "forward", from there to "left", and to "turn": z lies along x, along y, and up.
 _FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _LEFT = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -54,10 +54,10 @@ def arm_on_chair(
 
     Parameters
     ----------
-    arm : chain with masses (`SerialChain.bodies`); its base frame is that of its first link. A link heavier than the
-        chair gives a note, not an error: the arm then moves more than the chair, within the same limits.
+    arm : chain with masses (`SerialChain.bodies`). A link that is heavier than the chair gives a note.
     mount : (4, 4) pose of the arm's base frame in the chassis frame [m].
-    rotors : inertia that motors and gears add to the arm's joints [kg m^2], a scalar or one each. Assumption: 0.05.
+    rotors : inertia that motors and gears add to the arm's joints [kg m^2], a scalar or one for each joint; the default
+        is an assumption.
     chair_mass : [kg] with its user. chair_turn_inertia : [kg m^2] about the turning point.
     velocity, acceleration : limits of the chair along the floor [m/s, m/s^2] and in turning [rad/s, rad/s^2].
         Assumptions.

@@ -16,7 +16,7 @@ __all__ = ["Body", "checked_bodies", "of_a_body"]
 
 Array = NDArray[np.float64]
 ROUNDED = 1e-6
-"""Rounding error of files with few digits, as a fraction of the largest moment."""
+"""Accepted rounding error of a file's inertias, as a fraction of the largest moment."""
 
 
 class Body(NamedTuple):
@@ -36,7 +36,7 @@ class Body(NamedTuple):
 def of_a_body(inertia: ArrayLike) -> bool:
     """Whether a body can have this inertia (3, 3): no principal moment below 0 or above the sum of the others.
 
-    Relative rounding of 1e-6 passes. NaN and anything but a symmetric matrix of numbers fail.
+    A violation of 1e-6 of the largest moment is accepted. False for NaN and for a matrix that is not symmetric.
     """
     try:
         matrix = real_array(inertia)

@@ -30,7 +30,7 @@ __all__ = ["SerialChain", "per_joint"]
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
 LONG_TOOL, LONGEST = 2.0, 1e6
-"""Longest tool, as a multiple of the arm and in metres; [m] length assumed for unlimited sliding joints."""
+"""Longest tool, as a multiple of the arm's length; [m] length assumed for prismatic joints without limits."""
 MAX_WRITTEN = 64
 """Largest number of cached expressions."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
@@ -39,9 +39,9 @@ _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 def _written_once(expression: Expression) -> Expression:
     """Cache an expression of joint values for all chains with the same rows, base and tool.
 
-    Without the cache, expressions take half the time of making a controller. Each thread has its own cache, because
-    CasADi counts references to expressions without a lock. Subclasses, and arguments other than a column of n symbols,
-    bypass it.
+    Without the cache, expressions take half of the time in which a controller is made. Each thread has its own cache,
+    because CasADi counts references to expressions without a lock. Subclasses, and arguments other than a column of n
+    symbols, do not use the cache.
     """
 
     @wraps(expression)
@@ -70,15 +70,15 @@ class SerialChain(HasEvaluator):
     Parameters
     ----------
     rows : n Denavit-Hartenberg rows or `Link`s, base to tip.
-    lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal ones lock the joint. Limits of a
-        revolute joint are within two turns, or infinite; 170 would be degrees.
-    velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive. A scalar stands for all.
-    acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive, infinite for none.
+    lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal limits lock the joint. Finite limits of
+        a revolute joint must be within two turns, since 170 would be degrees.
+    velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive; a scalar applies to all joints.
+    acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive; infinite for no limit.
     names : (n,) joint names.
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
     capsules : the links' shapes, for clearance to obstacles; none by default.
-    bodies : the links' masses, if known; unused here.
-    effort : (n,) largest torque or force of each drive [N m or N], infinite if unknown; unused here.
+    bodies : the links' masses, if known, for robots with mass.
+    effort : (n,) largest torque or force of each drive [N m or N], infinite if unknown, for robots with mass.
     notes : remarks on the origin of the numbers, such as a rounded rotation.
 
     Raises
@@ -166,26 +166,27 @@ class SerialChain(HasEvaluator):
         capsules: Sequence[CapsuleOnLink] | Literal["collision"] = (),
         effort: ArrayLike | Mapping[str, float] | None = None,
     ) -> SerialChain:
-        """The chain between two links of a URDF: joints of any axis and origin, revolute, continuous or prismatic.
+        """The chain between two links of a URDF, with revolute, continuous and prismatic joints.
 
         Frame i of `frames_expression` has its origin at joint i + 1 and its z axis along that joint's axis; frame n is
-        at the tip link, the last one at the tool. Angles stay as written: a rounded 3.1416 is not corrected. Meshes and
-        soft limits are ignored. `notes` lists corrections. `bodies` holds the masses of the links and of parts fixed to
-        them, such as a camera or a gripper with its joints at zero.
+        at the tip link, and the last frame at the tool. Angles stay as written: a rounded 3.1416 is not corrected.
+        Meshes and soft limits are ignored. `notes` lists corrections. `bodies` has the masses of the links and of parts
+        on them, such as a camera, or a gripper with its joints at zero.
 
         Parameters
         ----------
         file : the URDF; expand xacro first: `xacro arm.urdf.xacro > arm.urdf`.
         base, tip : first and last link of the chain; default the root and the only leaf.
         acceleration : [rad/s^2 or m/s^2], which a URDF lacks: a scalar, (n,), or values by joint name.
-        velocity, lower, upper, effort : replace the file's limits: a scalar, (n,), or values by joint name. Position
-            limits of a revolute joint are within two turns, or infinite; 170 would be degrees.
+        velocity, lower, upper, effort : replace the file's limits: a scalar, (n,), or values by joint name. Finite
+            position limits of a revolute joint must be within two turns, since 170 would be degrees.
         locked : fixed joint values [rad or m] by joint name; locked joints are not joints of the chain. A coupled
             (mimic) joint between base and tip must be locked.
         mount : (4, 4) pose of the base link in the base frame; default the identity.
         tool : (4, 4) pose of the tool in the tip link's frame; default the identity.
-        capsules : shapes of links, in the links' frames; a link without one is guarded only at its frame's origin.
-            "collision" makes capsules around the file's <collision> cylinders, boxes, spheres and capsules.
+        capsules : shapes of links, in the links' frames; of a link without a capsule only the frame's origin is checked
+            against keep-outs. "collision" makes capsules around the file's <collision> cylinders, boxes, spheres and
+            capsules.
 
         Raises
         ------
@@ -216,8 +217,8 @@ class SerialChain(HasEvaluator):
         """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
 
         Differences from `from_urdf`: `base` is a body (default the world), and `tip` a body or site (default the only
-        leaf). `velocity` is required, because MJCF has no speed limits. Joint values are MuJoCo's and include `ref`.
-        `effort` comes from the force ranges of each joint's drives.
+        leaf). `velocity` is required, because MJCF has no speed limits. Joint values are those of MuJoCo and include
+        `ref`. By default, `effort` comes from the force ranges of each joint's drives.
         """
         given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
@@ -246,7 +247,7 @@ class SerialChain(HasEvaluator):
 
     @property
     def reach(self) -> float:
-        """[m] Upper bound of the tool's distance from the base: sum of all lengths, sliding joints at their limits."""
+        """[m] Upper bound of the tool's distance from the base: all lengths, with prismatic joints at their limits."""
         return self.reach_from(0)
 
     def reach_from(self, joint: int) -> float:
@@ -289,7 +290,7 @@ class SerialChain(HasEvaluator):
     def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
         """Poses (4, 4), n + 2 of them, in the base frame: the base, the frame after each row, and the tool.
 
-        `rows` replace the chain's own; their lengths may be expressions, so that one function serves any lengths.
+        `rows` replace the chain's rows; their lengths may be expressions.
         """
         frames = [ca.SX(ca.DM(self.base))]
         for i, row in enumerate(self.rows if rows is None else rows):
@@ -330,7 +331,7 @@ class SerialChain(HasEvaluator):
     def jacobian_about(self, frames: Sequence[ca.SX], point: ca.SX) -> ca.SX:
         """(6, n) geometric Jacobian of a point (3,) on the last link; `frames` come from `frames_expression`.
 
-        Point and Jacobian use the reference axes of `frames`.
+        The point and the Jacobian are in the base frame of `frames`.
         """
         columns = []
         for row, frame in zip(self.rows, frames, strict=False):
@@ -344,8 +345,8 @@ class SerialChain(HasEvaluator):
     def _moves_amid(self, q: ca.SX) -> ca.SX:
         """(6, n) geometric Jacobian for `manipulability`; with six or more joints it refers to the middle frame.
 
-        det(J J') does not depend on the frame; the middle one needs a fifth of the operations. With fewer joints det(J'
-        J) depends on it.
+        det(J J') does not depend on the frame, and the middle frame needs a fifth of the operations. With fewer joints
+        det(J' J) depends on the frame.
         """
         if self.n < 6:
             return self.jacobian_expression(q)
@@ -363,7 +364,7 @@ class SerialChain(HasEvaluator):
 
 
 def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
-    """[m] sum of all link lengths, sliding joints at their limits; at most `LONGEST`."""
+    """[m] sum of all link lengths, with prismatic joints at their limits; at most `LONGEST`."""
     slides = np.where([row.prismatic for row in rows], np.maximum(np.abs(lower), np.abs(upper)), 0.0)
     total = sum(
         math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)

@@ -14,7 +14,7 @@ from rehab_opt.kinematics.link import ChainRow, Link
 __all__ = ["DH", "TWO_TURNS", "checked_rows", "exact"]
 
 TWO_TURNS = 4 * math.pi
-"""[rad] A larger angle is in degrees; a larger joint limit may also mean no limit. No arm turns further in a second."""
+"""[rad] Largest accepted angle; a larger one is in degrees, or a limit that means none. No joint turns more in 1 s."""
 
 
 class DH(NamedTuple):
@@ -31,7 +31,7 @@ class DH(NamedTuple):
 
     @property
     def after(self) -> ca.SX | ca.DM:
-        """(4, 4) A at joint value zero; motion about or along z commutes with the leading factors of A."""
+        """(4, 4) A at joint value zero; the joint's motion about or along z commutes with Rz(theta) Tz(d)."""
         cos, sin = exact(math.cos, self.theta), exact(math.sin, self.theta)
         cos_alpha, sin_alpha = exact(math.cos, self.alpha), exact(math.sin, self.alpha)
         return ca.blockcat(

@@ -39,7 +39,7 @@ class ChassisMotion(NamedTuple):
 
 
 class Drive(ABC):
-    """Constraints on the twist of a chassis (forward, left [m/s], turn [rad/s], in its own frame).
+    """Constraints on a chassis' twist in its own frame: forward [m/s], left [m/s], turn [rad/s].
 
     `moving` lists the components that the drive allows, `rolling` maps the twist to wheel speeds, and `limit` bounds
     these. Velocity and acceleration limits of the chassis itself belong to the chain.
@@ -68,7 +68,7 @@ class Drive(ABC):
 
     @property
     def holonomic(self) -> bool:
-        """Whether the drive allows forward and left at once; the norm of the two speeds is then bounded."""
+        """Whether the drive allows forward and left motion at once; then the norm of the two speeds is bounded."""
         return {0, 1} <= set(self.moving)
 
     @property
@@ -89,8 +89,8 @@ class Drive(ABC):
     def constraints(cls, q: ArrayLike) -> Array:
         """(c, n) constraint matrix at joint values q (n,); q[:3] is the chassis' position and heading in the world.
 
-        Its product with the joint velocities must be zero: minus the chassis speeds that the drive does not allow. For
-        two wheels on one axle it is the row of Eq. (4), Honzik.
+        Its product with the joint velocities must be zero: this product is minus the chassis speeds that the drive does
+        not allow. For two wheels on one axle the matrix is the row of Eq. (4), Honzik.
         """
         joints = np.asarray(q, dtype=np.float64)
         cos, sin = np.cos(joints[2]), np.sin(joints[2])
@@ -100,10 +100,10 @@ class Drive(ABC):
 
 
 class Omnidirectional(Drive):
-    """A base that is commanded by its twist and moves in every direction; its wheels are not modelled.
+    """A base that moves in every direction and takes its twist as the command; its wheels are not modelled.
 
-    Its "wheel speeds" are that twist: forward, left [m/s], turn [rad/s]. Bounds apply to the speed along the floor, the
-    turn rate, and the accelerations forward, left and turning.
+    Its "wheel speeds" are the twist: forward [m/s], left [m/s], turn [rad/s]. Bounds apply to the speed along the
+    floor, the turn rate, and the three accelerations.
     """
 
     radius = 1.0
@@ -115,7 +115,7 @@ class Omnidirectional(Drive):
         return np.eye(3)
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """The twist that is commanded."""
+        """The commanded twist, without slip."""
         return ChassisMotion(per_joint("wheels", wheels, 3), 0.0)
 
 
@@ -140,9 +140,9 @@ class Fixed(Drive):
 class Mecanum(Drive):
     """Mecanum wheels in the X arrangement: 1 front right, 2 front left, 3 rear left, 4 rear right.
 
-    Eq. (2), Honzik, has x to the right and y forward, so its input is (-v_left, v_forward). Its a + b is half the gauge
-    plus half the base: with the whole lengths of the paper's text, the chair would turn twice as fast as commanded. A
-    positive speed rolls the wheel forward.
+    Eq. (2), Honzik, has x to the right and y forward, so its input is (-v_left, v_forward). a + b in Eq. (2) is half
+    the gauge plus half the base: with the whole lengths of the paper's text, the chair would turn twice as fast as
+    commanded. A positive speed rolls the wheel forward.
 
     Parameters
     ----------

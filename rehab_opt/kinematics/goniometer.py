@@ -45,7 +45,7 @@ class Movement(NamedTuple):
     offset_deg : [deg] joint angle where the goniometer reads zero; scapular_retraction counts from its rest angle.
     positive, negative : names of the movement in the two directions.
     zero : description of the zero position.
-    range_deg : [deg] range of a very mobile person plus a margin; a larger angle has another unit or zero.
+    range_deg : [deg] range of a very mobile person plus a margin; an angle beyond has a wrong unit or zero position.
     """
 
     joint: str
@@ -93,8 +93,8 @@ def arm_range_of_motion(goniometer: Mapping[str, Sequence[float]]) -> dict[str, 
 
     Parameters
     ----------
-    goniometer : (lower, upper) [rad] by every name of `GONIOMETER`. With a contracture both have one sign: an elbow
-        that lacks 30 deg of extension and flexes to 120 deg has (30, 120) deg.
+    goniometer : (lower, upper) [rad] by every name of `GONIOMETER`. With a contracture both may have the same sign: an
+        elbow that lacks 30 deg of extension and flexes to 120 deg has (30, 120) deg.
 
     Raises
     ------

@@ -41,8 +41,8 @@ ARM_SEGMENTS: Mapping[str, float] = MappingProxyType(
 )
 """[m] l0 to l3 of the participant (II-D)."""
 
-# Table I as printed, except joint 7's regular limits, printed reversed (-30, -45). All are absolute angles but joint
-# 1's, which are offsets from its rest of 180 deg: read otherwise the handle can never be vertical.
+# Table I as printed, except joint 7's regular limits, which are printed in reverse order (-30, -45). All are absolute
+# angles except joint 1's: these are offsets from its rest of 180 deg, since otherwise the handle is never vertical.
 _REGULAR_DEG = ((-10, 15), (-20, 10), (50, 90), (20, 80), (0, 70), (-50, 60), (-45, -30), (10, 50))
 _RESTRICTED_DEG = ((0, 0), (0, 5), (70, 90), (30, 70), (30, 60), (30, 60), (-30, -30), (40, 45))
 # The elbow's inner angle of 110 +- 2 deg is a flexion of 70 +- 2 deg; the caption limits no other joint.
@@ -80,11 +80,11 @@ def human_arm(
 
     Parameters
     ----------
-    range_of_motion : "regular" or "restricted" (Table I), "figure_3" (its caption: the regular range with the elbow
-        flexed by 68 to 72 deg), or (lower, upper) [rad] by every name of `ARM_JOINTS`, as in Table I: absolute angles,
-        scapular_retraction relative to rest. Equal limits lock a joint.
-    segments : l0 to l3 [m] as four numbers or by name; missing names keep the participant's lengths.
-    side : "left" as in the paper, or "right", its mirror image in the sagittal plane, x -> -x. Equal joint angles give
+    range_of_motion : "regular" or "restricted" (Table I), "figure_3" (caption of Fig. 3: the regular range with the
+        elbow flexed by 68 to 72 deg), or your own (lower, upper) [rad] by every name of `ARM_JOINTS`. As in Table I
+        these are absolute angles, but scapular_retraction is relative to its rest. Equal limits lock a joint.
+    segments : l0 to l3 [m] as four numbers or by name; a missing name gets the length of the paper's participant.
+    side : "left" as in the paper, or "right", its mirror image in the sagittal plane (x -> -x). Equal joint angles give
         mirrored postures and a mirrored handle axis.
     velocity, acceleration : (8,) or scalar [rad/s, rad/s^2]; defaults are assumptions.
 

@@ -1,10 +1,9 @@
 """Links of a serial chain: a joint about or along z, then a fixed transform to the next joint's frame.
 
-All forward kinematics is here. Denavit-Hartenberg rows (`DH`) and the origins and axes of robot files are two ways to
-write the fixed transform:
+Denavit-Hartenberg rows (`DH`) and the origins and axes of robot files are two ways to write the fixed transform:
 
     DH          Rz(theta) Tz(d) Tx(a) Rx(alpha), applied after the joint's motion
-    origins     Z' O Z+, with O the next joint's origin in this one's frame; Z, Z+ align z with the two joints' axes
+    origins     Z' O Z+, with O the next joint's origin in this joint's frame; Z and Z+ turn z to the two joints' axes
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ class ChainRow(Protocol):
 
     @property
     def after(self) -> Any:
-        """(4, 4) pose of the next joint's frame after this joint's motion; symbolic if a length is."""
+        """(4, 4) pose of the next joint's frame after this joint's motion; symbolic if a length is symbolic."""
         ...
 
     @property
@@ -63,8 +62,8 @@ class Link:
 
     Parameters
     ----------
-    after : (4, 4) rigid transform from this joint, after its motion, to the next joint's frame, whose z is that joint's
-        axis. For the last link: to the frame in which the tool is given.
+    after : (4, 4) rigid transform from this joint, after its motion, to the next joint's frame, whose z axis is the
+        next joint's axis. For the last link: to the frame in which the tool's pose is given.
     prismatic : True for sliding along z [m], False for turning about z [rad].
 
     Raises

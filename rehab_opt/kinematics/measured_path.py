@@ -1,8 +1,8 @@
-"""The smooth path behind samples of a tracker that are held, repeated or rounded.
+"""The smooth path of a hand from samples of a tracker that are repeated or rounded.
 
-A sample that is repeated until the next one comes looks like a stop and a jump; a rounded one like a jump to and fro.
-The third differences of either are a thousand times those of the hand. Repeated samples are dropped. A rounded path is
-replaced by the path of least jerk near its samples (Whittaker 1923, with third divided differences).
+A sample that a tracker repeats until the next one looks like a stop and a jump, and rounding looks like small jumps.
+Both have third differences a thousand times those of a hand. Repeated samples are dropped. A rounded path is replaced
+by the path of least jerk near its samples (Whittaker 1923, with third divided differences).
 """
 
 from __future__ import annotations
@@ -17,22 +17,24 @@ __all__ = ["MeasuredPath", "measured_path"]
 Array = NDArray[np.float64]
 
 HELD, OFTEN, SHORT = 0.2, 3, 10
-"""Longest hold of a sample, [s] and in rows above the usual count; a longer one is a pause. Percentile of the rows per
-sample that counts as usual, because a slow hand with coarse rounding repeats samples, too."""
+"""Longest repetition of a sample, in seconds and in rows above the usual number; a longer one is a pause. `SHORT` is
+the percentile of the rows per sample that counts as usual, because a slow hand with coarse rounding repeats, too."""
 GOES_ON, SLOW = 1.5, 0.1
-"""Rounding steps, and fraction of the usual distance, beyond which a hand moved between two samples."""
+"""A hand moved between two samples if they are further apart than these rounding steps and this fraction of the usual
+distance."""
 SMOOTHED = 9
 """Width, in samples, of the moving average of sample times, applied twice."""
 FEWEST_DISTINCT = 4
 """Least number of samples that differ from the one before."""
 FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
-"""A rounding step is accepted for an axis with at least so many values, if more than this fraction of its moves have
-nonzero third differences and if this percentile of those is at most so many steps. The path stays within the last
-fraction of a step."""
+"""A rounding step is accepted for an axis with at least `FEWEST` values, if more than `DITHERS` of its moves have
+nonzero third differences, and if percentile `MANY` of these is at most `SMALL` steps. The path stays within `NEAR`
+steps of its samples."""
 EXACT, FINEST = 1e-3, 1e-5
 """Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value."""
 STIFFER, BESIDE, PASSES = 3.0, 9, 80
-"""Factor on the weight of samples that the path misses, number of neighbours that get it, and most passes."""
+"""Factor on the weight of samples outside the band, number of neighbours that get it, too, and largest number of
+passes."""
 
 
 class MeasuredPath(NamedTuple):
@@ -56,12 +58,12 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
         return MeasuredPath(times, points, ())
     lengths, notes = np.diff(begins, append=len(times)), list[str]()
     usual = int(np.percentile(lengths, SHORT, method="lower"))
-    # A tracker sends on while the hand stands, or is slow for its rounding: a sample each `usual` rows.
+    # The tracker gives a new sample every `usual` rows, also while the hand stands or is slower than its rounding.
     since = np.arange(len(times)) - np.repeat(begins, lengths)
     rows = np.flatnonzero((since == 0) | ((since % usual == 0) & (since <= np.repeat(lengths, lengths) - usual)))
     steps = np.maximum(_roundings(points[rows]), _roundings(points[begins]))
     rounded = steps > 0.0
-    # Where the hand goes on at once a sample was written again: the next one was late or lost. Else it stood.
+    # If the hand then moves on at once, the sample was repeated: the next one was late or lost. Else the hand stood.
     hops = np.abs(np.diff(points[begins], axis=0))
     few = GOES_ON * steps[rounded] if rounded.any() else SLOW * np.median(hops.max(axis=1))
     far = np.pad(((hops[:, rounded] if rounded.any() else hops) > few).any(axis=1), 1)
@@ -78,13 +80,13 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
         from scipy.interpolate import CubicSpline  # noqa: PLC0415  (loaded when used)
 
         notes.append(f"{len(times) - len(rows)} of {len(times)} samples repeat the one before: left out")
-        # A drive's own interpolation would stop at every extreme of so few.
+        # With so few samples, a drive's own interpolation would stop at every extreme.
         moved, clock = np.asarray(CubicSpline(clock, moved)(times[: rows[-1] + 1])), times[: rows[-1] + 1]
     return MeasuredPath(clock, moved, tuple(notes))
 
 
 def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
-    """Times (M,) of points (M, n) at rows (M,), or those of a steady clock of the tracker if they fit better."""
+    """Times (M,) of points (M, n) at rows (M,): the given ones or, if they fit better, those of a steady clock."""
     own, even = times[rows], _averaged(rows.astype(np.float64))
     if np.abs(even - rows).max() > np.diff(rows, prepend=-1).min() + 0.5:
         return own
@@ -110,9 +112,9 @@ def _unsteady(times: Array, points: Array) -> float:
 
 
 def _roundings(points: Array) -> Array:
-    """(n,) rounding steps of axes (N, n); 0 where there is none of importance."""
+    """(n,) rounding steps of axes (N, n); 0 for an axis without an important one."""
     steps = [_rounding(axis) for axis in points.T]
-    for i, axis in enumerate(points.T):  # one that hardly moves does not show by itself
+    for i, axis in enumerate(points.T):  # an axis that hardly moves does not show its step alone
         steps[i] = steps[i] or max((each for each in steps if each and not _off(axis - axis[0], each)), default=0.0)
     return np.array(steps)
 
@@ -142,7 +144,7 @@ def _off(ways: Array, step: float) -> bool:
 
 
 def _least_jerk(times: Array, points: Array, band: Array) -> Array:
-    """(N, n) path near the least sum of squared third divided differences, within `band` (n,) of points (N, n)."""
+    """(N, n) path within `band` (n,) of points (N, n), with nearly the least sum of squared third differences."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415  (loaded when used)
     from scipy.sparse import diags, identity  # noqa: PLC0415
 

@@ -40,7 +40,7 @@ MIN_JOINTS = 4
 SATURATED = 1.5
 """Fraction of its half range beyond which a joint's posture cost grows linearly."""
 FLAT = 1e-6
-"""Fraction of reach^3 below which a hand volume is rounding; its slopes would shake planar arms."""
+"""Fraction of reach^3 below which a hand volume counts as zero; rounding would shake planar arms."""
 
 
 class Outline(NamedTuple):
@@ -74,8 +74,8 @@ class MobileArm(HasEvaluator):
     keep_out : shapes of chair and user, which the arm must not enter.
     arm_radius : [m] radius of capsules from joint to joint, for a chain without capsules.
     limit_cost, singular_cost : weights of the terms of `posture_cost`.
-    hand_volume : [m^3] largest volume of hand velocities at unit joint speeds of the arm; computed by default. It is 0
-        for an arm that cannot move its hand in every direction; `posture_cost` then covers joint limits alone.
+    hand_volume : [m^3] largest volume of hand velocities at unit joint speeds of the arm; computed by default. If the
+        arm cannot move its hand in every direction, it is 0, and `posture_cost` has only the terms of joint limits.
 
     Raises
     ------
@@ -145,7 +145,7 @@ class MobileArm(HasEvaluator):
         return self._evaluate(self.inertia_expression, q)
 
     def posture_cost(self, q: ArrayLike) -> float:
-        """Scalar c of Eq. (1): grows towards joint limits and singular postures of the arm; without unit."""
+        """Scalar c of Eq. (1), without unit; it grows towards joint limits and singular postures of the arm."""
         return float(self._evaluate(self.posture_cost_expression, q)[0])
 
     def posture_gradient(self, q: ArrayLike) -> Array:
@@ -190,7 +190,7 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def bodied_chain(self) -> SerialChain:
-        """The chain with capsules: its own, or those of `links`; and those of the column below the arm."""
+        """The chain with capsules of the arm (its own, or those of `links`) and of the column below the arm."""
         chain = self.chain
         if chain.capsules:
             return chain
@@ -210,9 +210,9 @@ class MobileArm(HasEvaluator):
     def posture_cost_expression(self, q: ca.SX) -> ca.SX:
         """Sum over the arm of x^4/4, with x in [-1, 1] the position in a joint's range, plus (1 - m)^2/2.
 
-        m is the squared volume of hand velocities at unit speeds of the arm's joints, as a fraction of the largest one.
-        It is zero where the arm alone cannot move its hand in every direction. x^4/4 continues linearly beyond
-        `SATURATED`. A joint without limits costs nothing.
+        m is the squared volume of hand velocities at unit speeds of the arm's joints, as a fraction of its largest
+        value; m is zero if the arm alone cannot move its hand in every direction. Beyond `SATURATED`, x^4/4 continues
+        linearly. A joint without limits costs nothing.
         """
         chain = self.chain
         cost = ca.SX(0)

@@ -1,8 +1,8 @@
 """Detect values in wrong units: one rule for lengths, speeds and angles of all controllers.
 
 A length in millimetres is a thousand times too large, an angle in degrees 57 times. A length is compared with the
-robot's reach, a speed with the largest that its joints can cause, and a joint angle with two turns. Factors and floors
-are generous: a refused value is no possible motion of that robot.
+robot's reach, a speed with the largest that its joints can cause, and a joint angle with two turns. The limits are
+wide: the robot cannot move as a rejected value says.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ LINEAR = ("x", "y", "z")
 ROOM = 20.0
 """[m] largest coordinate of a hand if no robot is known."""
 FAR, NEAR = 10.0, 1.0
-"""A length is a mistake beyond so many times the robot's reach, but at least so many metres."""
+"""Largest accepted length: `FAR` times the robot's reach, but at least `NEAR` [m]."""
 FAST, WHIRL = 10.0, 12.0 * math.pi
 """[m/s, rad/s] Largest accepted hand speeds, unless the robot's joints are faster."""
 BEYOND = 3.0
-"""A reference beyond so many times the fastest hand motion is a mistake; a smaller excess is slowed down."""
+"""Ratio of a reference's speed to the fastest hand motion, beyond which the reference is invalid; up to this ratio the
+reference is slowed down."""
 
 
 def farthest(chain: SerialChain) -> float:
@@ -46,11 +47,12 @@ def fastest(chain: SerialChain) -> tuple[float, float]:
 
 
 def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.SX], rows: Sequence[str]) -> ca.SX:
-    """Two flags: a pose (16,), row by row, is too far away; a twist (k,), with these rows, is too fast.
+    """Two flags: whether a pose (16,), row by row, is too far away, and whether a twist (k,) is too fast.
 
     Parameters
     ----------
-    names : input symbols; those called `pose` and `twist` are checked. values : their values.
+    names : input symbols; those called `pose` and `twist` are checked. values : the values of all inputs.
+    rows : names of the twist's components.
     """
     named = {each[0].name().rsplit("_", 1)[0]: value for each, value in zip(names, values, strict=True)}
     far, fast, (linear, angular) = ca.SX(0), ca.SX(0), fastest(chain)

@@ -1,4 +1,4 @@
-"""Convert a caller's numbers to floats; masked entries, text, times and booleans do not count as numbers."""
+"""Convert a caller's values to floats; masked entries, text, times and booleans do not count as numbers."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def checked_array(argument: str, value: Any, expected: str) -> Array:
 def _is_masked(value: Any) -> bool:
     """Whether the value is or contains a masked array."""
     if isinstance(value, (list, tuple)):
-        return True in [_is_masked(each) for each in value]  # all are looked at
+        return True in [_is_masked(each) for each in value]  # no short cut: every entry is checked
     if isinstance(value, _NO_NUMBERS):
         raise TypeError(f"{value!r} is no real number")
     return "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray)
 
 
 def is_real(value: object) -> TypeGuard[float]:
-    """Whether `value` is one real number; booleans and times, integers to Python and numpy, are not."""
+    """Whether `value` is one real number; booleans and times are not, although numpy treats them as integers."""
     return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, _NO_NUMBERS)
 
 

@@ -1,4 +1,4 @@
-"""Rigid transforms: checks of a caller's, the nearest one to a rounded one, and expressions."""
+"""Rigid transforms: check a caller's transform, correct a rounded one, and expressions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 EXACT = 1e-9
 """Largest entry of R R' - I of an exact rotation, and largest error of a unit length."""
 ROUNDED = 1e-3
-"""Largest entry of R R' - I, and largest error of a unit length, that rounding can explain."""
+"""Largest entry of R R' - I, and largest error of a unit length, that count as rounding."""
 ROTATION_TOLERANCE = 1e-3
 """Tolerance of a measured rotation: norm of the errors of its six dot products of axes."""
 
@@ -37,7 +37,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
 
 
 def nearest_rigid(argument: str, value: ArrayLike) -> tuple[Array, str]:
-    """`value` as a read-only rigid transform (4, 4), and a note where rounded numbers had to be corrected.
+    """The rigid transform (4, 4) nearest to `value`, read-only, and a note if rounded numbers were corrected.
 
     Raises
     ------

@@ -20,10 +20,10 @@ __all__ = ["ARM_RADII", "MOVING", "Box", "KeepOut", "MovingCapsule", "arm_capsul
 Array = NDArray[np.float64]
 
 MOVING = 14
-"""Numbers of a moving capsule: its two ends, their velocities, its radius, and a flag (0: no capsule).
+"""Number of values of a moving capsule: its two ends, their velocities, its radius, and a flag (0: no capsule).
 
-Any other flag, also NaN, means that there is one, and a negative radius counts as zero: no bad number removes an
-obstacle.
+Any other flag, also NaN, means that there is a capsule, and a negative radius counts as zero. So a bad number never
+removes an obstacle.
 """
 ENDS = (1, 4, 5, 8)
 """Frames of `human_arm` at shoulder, elbow, wrist and fingers."""
@@ -104,7 +104,8 @@ def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int, argum
 
     Raises
     ------
-    ConfigurationError : more than `count` capsules, or other objects. The certificate judges their numbers.
+    ConfigurationError : more than `count` capsules, or other objects. Numbers that are not finite raise no error: the
+        tick then gives the fallback command.
     """
     if isinstance(obstacles, np.ndarray):
         if obstacles.shape == (count, MOVING):

@@ -76,8 +76,8 @@ class FrameFit(NamedTuple):
 def fit_frame(source: ArrayLike, target: ArrayLike, *, scale: bool = False) -> FrameFit:
     """Least-squares rigid transform of points (N, 3) of a source frame to their partners in a target frame.
 
-    It comes from singular values (Kabsch) and is never a reflection: convert a left-handed frame first. With `scale` it
-    also fits a scale (Umeyama), for a recording of another person's arm.
+    The method is that of Kabsch, with singular values. The result is never a reflection: convert a left-handed frame
+    first. `scale=True` also fits a scale (Umeyama), for a recording of another person's arm.
 
     Raises
     ------
@@ -107,9 +107,9 @@ def fit_frame(source: ArrayLike, target: ArrayLike, *, scale: bool = False) -> F
 class Mirror:
     """Mirror in a plane: the patient's sagittal plane, as a rule.
 
-    p' = M p about a point of the plane, R' = M R M_b, with M = I - 2 n n' and M_b flipping the axis of the hand frame
-    that points across the hand (to the thumb or away from it). That axis depends on the tracker, so there is no
-    default; with M R M the mirrored fingers of many trackers would point backwards.
+    p' = M p about a point of the plane, R' = M R M_b, with M = I - 2 n n' and the plane's unit normal n. M_b reverses
+    the axis of the hand frame that points across the hand. This axis depends on the tracker, so it has no default; with
+    M R M the mirrored fingers of many trackers would point backwards.
     """
 
     point: tuple[float, float, float]
@@ -163,14 +163,14 @@ class Mirror:
 def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None) -> Array:
     """(N, 4) unit quaternions, each in the hemisphere of the one before, since q and -q are one rotation.
 
-    `last` (4,) is the one before the first. A zero quaternion stays as it is and is skipped.
+    `last` (4,) is the quaternion before the first. A zero quaternion stays zero and is skipped.
     """
     q = _columns("quaternions", quaternions, 4)
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     valid = np.isfinite(length[:, 0]) & (length[:, 0] > 1e-9)
     unit = np.where(valid[:, None], q / np.where(valid[:, None], length, 1.0), q)
     chain = unit[valid] if last is None else np.concatenate([_columns("last", last, 4)[None], unit[valid]])
-    # A sign is the product of the signs of all neighbours' products so far; a product of zero keeps it.
+    # The sign of a quaternion is the product of the signs of all dot products of neighbours so far, zeros left out.
     signs = np.cumprod(np.where(np.sum(chain[1:] * chain[:-1], axis=1) < 0.0, -1.0, 1.0))
     unit[valid] *= (np.concatenate([[1.0], signs]) if last is None else signs)[:, None]
     return np.asarray(unit)

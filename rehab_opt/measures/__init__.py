@@ -4,9 +4,9 @@
     velocity = hand_velocity(even.points, even.rate_hz)
     spectral_arc_length(np.linalg.norm(velocity, axis=1), even.rate_hz)
 
-`score` does all of it for one trial; `rehab-opt score RECORDING` for the trials of recordings. Each docstring states
-paper, unit and formula; docs/capabilities/scoring.md states the effect of noise and slow sampling. Data that cannot be
-measured (not finite, too few samples, no movement) raise `ConfigurationError`.
+`score` computes all measures of one trial; `rehab-opt score RECORDING` those of the trials of recordings. Each
+docstring states paper, unit and formula; docs/capabilities/scoring.md states the effect of noise and slow sampling.
+Data that cannot be measured (not finite, too few samples, no movement) raise `ConfigurationError`.
 """
 
 from rehab_opt.measures.path import (

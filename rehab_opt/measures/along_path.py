@@ -1,7 +1,7 @@
-"""A hand along a path: distance and progress, and an ordered assignment for coverage and deviation.
+"""A hand along a path: nearest points, and an ordered assignment of path points for coverage and deviation.
 
-On a path that crosses itself, the nearest point does not reveal a loop that was left out. The ordered assignment
-reveals it, because it never goes backwards along the path.
+On a path that crosses itself, the nearest point does not show that the hand left out a loop. The ordered assignment
+shows it, because its points never go backwards along the path.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ class Projection(NamedTuple):
     """Exact projection of N points onto a path, segment by segment."""
 
     distance: Array
-    """(N,) [m] to the nearest point of the path."""
+    """(N,) [m] distance to the nearest point of the path."""
     along: Array
-    """(N,) [m] length of the path before that point."""
+    """(N,) [m] length of the path from its start to the nearest point."""
     tangent: Array
-    """(N, 2) unit vector along the path there, towards its end; zero if the path is a point."""
+    """(N, 2) unit vector along the path at the nearest point, towards the end; zero if the path is a point."""
     length: float
     """[m] of the whole path."""
 
@@ -59,23 +59,24 @@ PIECES = 1000
 def covered_in_order(position: Array, path: Array, *, within: float, jump: float) -> float:
     """Fraction of a path (M, 2) [m] that a hand (N, 2) [m] covered in order.
 
-    It is the largest covered length over all ordered assignments of path points to the hand, each point `within` [m] of
-    the hand. A piece longer than `jump` [m] between two successive points does not count.
+    Path points are assigned to the hand's samples in order, each at most `within` [m] from the hand. The result is the
+    largest length that such an assignment covers. A piece longer than `jump` [m] between two successive points does not
+    count.
     """
     places, piece = _evenly(path)
     reach = max(1, math.ceil(jump / piece)) if piece > 0 else 1
     number = np.arange(len(places))
-    counted = np.full(len(places), -np.inf)  # the most that is counted where the hand has come to each place
+    counted = np.full(len(places), -np.inf)  # the largest covered length if the hand has come to each place
     counted[0] = 0.0
     behind = np.full(len(places) + reach, -np.inf)
     beside = np.zeros((len(position[:: _stride(position)]), len(places) + 2), dtype=bool)
     beside[:, 1:-1] = _squared_distances(position[:: _stride(position)], places) <= within**2
-    edges = np.nonzero(beside[:, 1:] != beside[:, :-1])[1].tolist()  # of each row's runs, begin and end
+    edges = np.nonzero(beside[:, 1:] != beside[:, :-1])[1].tolist()  # begin and end of each row's runs
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         entered = counted[first:last].copy()
         if first:
             entered = np.maximum(entered, counted[:first].max())  # over a gap that does not count
-        # Over one that does: of the places before the run, within reach of each in it.
+        # Over a gap that counts: from the places before the run, within reach of each place in the run.
         begin = max(0, first - reach)
         behind[reach + begin : reach + first] = counted[begin:first] - number[begin:first]
         ends = min(last, first + reach)

@@ -32,7 +32,7 @@ def path_ratio(points: ArrayLike, reference: ArrayLike | None = None) -> float:
     """Length of the path over that of the reference (M, d) [m], by default the line from its start to its end.
 
     Index of curvature: Cirstea and Levin, "Compensatory strategies for reaching in stroke", Brain 123(5), 2000. No
-    unit: 1 is a straight line, pi/2 a half circle. NaN if the path ends where it began or the reference has no length:
+    unit: 1 is a straight line, pi/2 a half circle. NaN if the path ends where it begins or the reference has no length:
     a movement that returns to its start needs a reference.
     """
     p = vectors("points", points, fewest=2)
@@ -62,9 +62,9 @@ def range_used(values: ArrayLike) -> Array:
 def workspace_used(points: ArrayLike) -> float:
     """Area [m^2] of the convex hull of points (N, 2) [m], or volume [m^3] of that of points (N, 3).
 
-    The area that a hand encloses: Sukal, Ellis, Dewald, "Shoulder abduction-induced reductions in reaching work area
-    following hemiparetic stroke", Exp. Brain Res. 183(2), 2007 (they trace the area; here it is the convex hull of the
-    visited points). Zero for points on a line, or for (N, 3) points in a plane.
+    Zero for points on a line, or for (N, 3) points in a plane. Sukal, Ellis, Dewald, "Shoulder abduction-induced
+    reductions in reaching work area following hemiparetic stroke", Exp. Brain Res. 183(2), 2007, measure the area that
+    the hand encloses; here it is the convex hull of the visited points.
     """
     p = vectors("points", points, fewest=2)
     if p.shape[1] not in (2, 3):
@@ -74,13 +74,13 @@ def workspace_used(points: ArrayLike) -> float:
         return 0.0
     from scipy.spatial import ConvexHull  # noqa: PLC0415
 
-    return float(ConvexHull(p).volume)  # of points in a plane Qhull's "volume" is the area
+    return float(ConvexHull(p).volume)  # for points in a plane Qhull's "volume" is the area
 
 
 def path_variability(trials: Sequence[ArrayLike]) -> float:
     """Root mean square distance [m] of the trials from their mean path, at equal fractions of their time.
 
-    With p_k(u) trial k at the fraction u of its own time, K trials,
+    With p_k(u) the point of trial k, of K, at the fraction u of its own time,
 
         sqrt( mean over u of  sum_k |p_k(u) - mean(u)|^2 / (K - 1) )
 
@@ -102,7 +102,8 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
 def end_variability(trials: Sequence[ArrayLike]) -> float:
     """Root mean square distance [m] of the trials' last points from their mean: sqrt(sum_k |e_k - mean|^2 / (K - 1)).
 
-    Variable error; `end_error` of the mean end is the constant error. Parameters and errors as in `path_variability`.
+    This is the variable error; `end_error` of the mean last point is the constant error. Parameters and errors as in
+    `path_variability`.
     """
     ends = np.stack([path[-1] for path in _trials(trials)])
     return float(np.sqrt(_spread(ends[:, None])[0]))

@@ -1,4 +1,4 @@
-"""Input of measures: checked numbers, even samples, the hand's velocity, and the noise of both."""
+"""Input of measures: checked numbers, even samples, the hand's velocity, and noise."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def numbers(argument: str, values: object) -> Array:
 
 
 def milliseconds(*seconds: float) -> str:
-    """Times [s] as text in ms, once where they read the same: `20 ms`, `20 to 1510 ms`."""
+    """Times [s] as text in ms, without repetition: `20 ms`, `20 to 1510 ms`."""
     return " to ".join(dict.fromkeys(f"{1e3 * each:{'.3g' if each < 1 else '.0f'}}" for each in seconds)) + " ms"
 
 
@@ -65,11 +65,11 @@ def rows(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
 
 
 CUT_OFF_HZ = 10.0
-"""[Hz] Default cut-off; voluntary arm movement lies below."""
+"""[Hz] Default cut-off; voluntary arm movement has lower frequencies."""
 FEWEST = 10
 """Least number of samples of a measure."""
 MAX_CUT_OFF = 0.4
-"""Largest cut-off as a fraction of the rate; the corrected cut-off must stay below half of the rate."""
+"""Largest cut-off as a fraction of the rate, so that the corrected cut-off is below half of the rate."""
 SMALLEST_CUT_OFF = 1e-6
 """Smallest cut-off as a fraction of the rate; below it the filter's poles are too near 1 for double precision."""
 ONCE_EACH_WAY = (2**0.5 - 1) ** 0.25
@@ -138,10 +138,10 @@ def evenly_sampled(time: ArrayLike, points: ArrayLike, *, rate_hz: float | None 
 
 
 def low_passed(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None = CUT_OFF_HZ) -> Array:
-    """(N, d) points (N, d), sampled at `rate_hz` [Hz], low-passed at `cutoff_hz` without delay.
+    """Points (N, d), sampled at `rate_hz` [Hz], low-passed at `cutoff_hz` without delay.
 
-    A second-order Butterworth filter run forward and back (fourth order, zero phase), its cut-off corrected for the two
-    runs: Winter, "Biomechanics and Motor Control of Human Movement", 4th ed., 2009, ch. 3.
+    A second-order Butterworth filter runs forward and back (fourth order, zero phase). Its cut-off is corrected for the
+    two runs: Winter, "Biomechanics and Motor Control of Human Movement", 4th ed., 2009, ch. 3.
 
     Parameters
     ----------
@@ -201,6 +201,6 @@ def passed_by_low_pass(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, 
     if cutoff_hz is None:
         return np.ones(FREQUENCIES), angle
     corner = np.pi * positive("cutoff_hz", cutoff_hz) / ONCE_EACH_WAY / positive("rate_hz", rate_hz)
-    # The bilinear transform of the analogue filter, which squeezes infinity to half the rate.
+    # Bilinear transform of the analogue filter: infinite frequency becomes half of the rate.
     passed = np.append(1 / (1 + (np.tan(angle[:-1] / 2) / np.tan(corner)) ** 4), 0.0)
     return passed, angle

@@ -41,12 +41,13 @@ __all__ = ["HandMotion", "Measure", "Score", "hand_motion", "score"]
 Array = NDArray[np.float64]
 
 STILL, HURLED = 1e-3, 50.0
-"""[m/s] A hand that is always slower rests; one that is faster for a tenth of the time has wrong units."""
+"""[m/s] A hand that is always slower than `STILL` rests. Speeds above `HURLED` for a tenth of the time are in wrong
+units."""
 SURE, NEVER = 4.5, 7.0
-"""Speeds, in standard deviations of the noise per coordinate: one in 6000 samples (in space) of a resting hand exceeds
-the first, none the second."""
+"""Speeds in standard deviations of the noise per coordinate. Of the samples of a resting hand in space, one in 6000
+exceeds the first speed and none the second."""
 CHANCE = 0.7
-"""The squared jerk of noise varies by this fraction from second to second."""
+"""Fraction by which the squared jerk of noise varies from second to second."""
 NORMAL_MEDIAN = 0.6745
 """Median of the magnitude of normal noise over its standard deviation."""
 AXES = "xyz"
@@ -77,11 +78,11 @@ class HandMotion(NamedTuple):
     cutoff_hz: float | None
     """Cut-off of the filter; None if the sampling is too slow for it."""
     noise: float
-    """[m] in each coordinate."""
+    """[m] Standard deviation of the noise in each coordinate."""
     shaken: float
     """[m/s] Largest apparent speed of a resting hand due to noise."""
     threshold: float
-    """Fraction of the peak speed above which the hand moves: as given, or higher if noise requires it."""
+    """Fraction of the peak speed above which the hand moves: the argument, or more if noise exceeds it."""
     notes: tuple[str, ...]
 
     def goes(self, part: slice = slice(None)) -> bool:
@@ -116,13 +117,14 @@ def score(
     target : (2,) or (3,) [m] of the movement.
     joints : angles (N,) [rad] by name.
     cutoff_hz : cut-off of the filter (`hand_velocity`); samples too slow for it are not filtered, with a note.
-    threshold : of the movement's start and end (`movement_interval`); raised if noise may exceed it, with a note.
+    threshold : fraction of the peak speed at the movement's start and end (`movement_interval`); raised, with a note,
+        if noise may exceed it.
 
     Returns
     -------
-    Score : in SI units, joint ranges in deg. Speeds, peaks, smoothness and path are of the movement; the range and
-        workspace used, and the end error, are of the whole trial. The cut at 5 % of the peak speed shortens a movement:
-        a minimum-jerk reach has a dimensionless jerk of 82 here, not of 204.8.
+    Score : measures in SI units, joint ranges in deg. Speeds, peaks, smoothness and path are measured during the
+        movement; the range and workspace used, and the end error, in the whole trial. The cut at 5 % of the peak speed
+        shortens a movement: a minimum-jerk reach has a dimensionless jerk of 82 here, not of 204.8.
 
     Raises
     ------
@@ -149,7 +151,7 @@ def score(
     speed = np.linalg.norm(v, axis=1)
     jerks = [each(of, of_movement) for of in (v, speed) for each in (dimensionless_jerk, log_dimensionless_jerk)]
     t = numbers("time", time) - even.time[0]
-    gap = float(np.diff(t)[(t[1:] > begin) & (t[:-1] < end)].max())  # between samples of which some are of the movement
+    gap = float(np.diff(t)[(t[1:] > begin) & (t[:-1] < end)].max())  # longest time step that overlaps the movement
     if gap > max(1.5 / rate, 0.5 / cutoff_hz):
         jerks = [math.nan] * len(jerks)
         notes.append(f"dimensionless_jerk: not over a gap of {milliseconds(gap)}, which a straight line bridges")
@@ -225,7 +227,7 @@ def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> flo
 
 
 def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
-    """The speed, set to zero at both ends where it may be noise, because the filter keeps the first and last point."""
+    """The speed, with zeros at both ends where it may be noise, because the filter keeps the first and last point."""
     passed, _ = passed_by_low_pass(rate, cutoff)
     least = SURE * 2 * noise * rate * float(passed.mean())
     seen = speed.copy()
@@ -244,7 +246,7 @@ def _between(samples: Array, rate: float, begin: float, end: float, count: int) 
 
 def _cutoff(rate: float, cutoff_hz: float, notes: list[str]) -> float | None:
     if positive("cutoff_hz", cutoff_hz) < MAX_CUT_OFF * rate or cutoff_hz > CUT_OFF_HZ:
-        return cutoff_hz  # which `low_passed` refuses if it was asked for what filters nothing
+        return cutoff_hz  # `low_passed` raises an error if this filters nothing
     below = f"(one below {MAX_CUT_OFF * rate:.3g} Hz can be)"
     notes.append(f"sampled at {rate:.4g} Hz, too slowly for a low-pass at {cutoff_hz:g} Hz: not filtered {below}")
     return None
@@ -268,6 +270,6 @@ def _ratio(path: Array, notes: list[str]) -> float:
 
 def _joint_ranges(joints: Mapping[str, ArrayLike]) -> Iterator[Measure]:
     for name, angles in joints.items():
-        # A jump by a whole turn is a way of writing an angle, and no motion.
+        # A jump by a whole turn is no motion: both numbers are the same angle.
         turned = np.unwrap(numbers(f"joints[{name!r}]", angles))
         yield Measure(f"range_{name}", math.degrees(float(range_used(turned)[0])), "deg")

@@ -28,13 +28,13 @@ __all__ = [
 Array = NDArray[np.float64]
 
 RISE = 0.02
-"""[m/s] of a peak of the speed."""
+"""[m/s] Least height of a speed peak above the dips beside it."""
 PADDING = 4
 """Zero padding up to 2^PADDING times the next power of two, for a finely sampled spectrum."""
 THRESHOLD = 0.05
 """Fraction of the largest amplitude; the spectrum ends at the last frequency that reaches it."""
 FEWEST_JERK = 7
-"""Least number of samples; a second difference at the ends needs four."""
+"""Least number of samples of a jerk; a second difference at the ends needs four."""
 
 
 def mean_speed(velocity: ArrayLike, time: ArrayLike | None = None) -> float:
@@ -70,13 +70,12 @@ def peak_speed(velocity: ArrayLike) -> float:
 
 
 def movement_interval(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) -> tuple[float, float]:
-    """Start and end [s] of the movement, from the first sample: where the speed first rises above, and last falls below
-    `threshold` times its peak, interpolated between samples.
+    """Times [s], after the first sample, at which the speed first rises above and last falls below `threshold`.
 
-    A fraction of the peak, as in Murphy, Willén, Sunnerhagen, "Kinematic variables quantifying upper-extremity
-    performance after stroke during reaching and drinking from a glass", Neurorehabil. Neural Repair 25(1), 2011 (they
-    use 2 %; 5 % tolerates more noise). If the array begins or ends above the threshold, the
-    movement starts or ends there.
+    `threshold` is a fraction of the peak speed; the times are interpolated between samples. Murphy, Willén,
+    Sunnerhagen, "Kinematic variables quantifying upper-extremity performance after stroke during reaching and drinking
+    from a glass", Neurorehabil. Neural Repair 25(1), 2011, use 2 %; 5 % tolerates more noise. If the array begins or
+    ends above the threshold, the movement starts or ends there.
 
     Parameters
     ----------
@@ -99,7 +98,7 @@ def movement_time(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) 
     """Time [s] from start to end of the movement, as `movement_interval` finds them.
 
     For a minimum-jerk reach in time D it is D sqrt(1 - sqrt(threshold)): 0.881 D at 5 %. Noise at rest above the
-    threshold counts as movement (not in `score`).
+    threshold counts as movement; only `score` prevents this.
     """
     begin, end = movement_interval(speed, rate_hz, threshold=threshold)
     return end - begin
@@ -108,16 +107,15 @@ def movement_time(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) 
 def velocity_peaks(speed: ArrayLike, rate_hz: float, *, rise: float = RISE, apart: float = 0.15) -> int:
     """Number of speed peaks at least `rise` above the dips beside them and `apart` from higher ones; 1 is ideal.
 
-    The speed counts as zero outside the array.
-
-    Murphy, Willén, Sunnerhagen 2011 (movement units: 20 mm/s, 150 ms); peaks as a measure of recovery: Rohrer et al.,
-    "Movement smoothness changes during stroke recovery", J. Neurosci. 22(18), 2002.
+    The speed counts as zero outside the array. Source: the movement units of Murphy, Willén, Sunnerhagen 2011 (20 mm/s,
+    150 ms). Rohrer et al., "Movement smoothness changes during stroke recovery", J. Neurosci. 22(18), 2002, use peaks
+    as a measure of recovery.
 
     Parameters
     ----------
     speed : (N,) [m/s] at `rate_hz` [Hz].
-    rise : [m/s]
-    apart : [s]
+    rise : [m/s] least height above the dips.
+    apart : [s] least time from a higher peak.
     """
     from scipy.signal import find_peaks  # noqa: PLC0415
 
@@ -134,8 +132,8 @@ def spectral_arc_length(speed: ArrayLike, rate_hz: float) -> float:
 
         - integral over [0, f_c] of sqrt((1 / f_c)^2 + (dV/df)^2) df
 
-    It has no unit and depends neither on the unit of the speed nor (if f_c is below 10 Hz) on the duration. A single
-    minimum-jerk reach has about -1.4; submovements and tremor make it more negative. NaN if nothing moves.
+    SPARC has no unit and does not depend on the unit of the speed nor, if f_c is below 10 Hz, on the duration. A single
+    minimum-jerk reach has about -1.4; submovements and tremor make SPARC more negative. NaN without motion.
     """
     samples, rate = _speeds(speed), positive("rate_hz", rate_hz)
     count = 2 ** (math.ceil(math.log2(len(samples))) + PADDING)
@@ -156,22 +154,22 @@ def dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
 
         D^3 / v_peak^2  integral over [0, D] of |d^2 v / dt^2|^2 dt,      D = (N - 1) / rate_hz
 
-    It has no unit. For a minimum-jerk reach of any length and duration it is 720 / 1.875^2 = 204.8. Remove rest before
-    and after the movement first, because the duration enters with its third power. Balasubramanian et al. 2015 negate
-    it and use the speed, that is, this function of speeds (N,); with velocities the turning of the path counts, too.
+    The result has no unit; for a minimum-jerk reach of any length and duration it is 720 / 1.875^2 = 204.8. Remove rest
+    before and after the movement first, because the duration enters with its third power. With velocities, the turning
+    of the path counts, too. Balasubramanian et al. 2015 use the speed, and the negative result: pass speeds (N,).
 
     Parameters
     ----------
     velocity : (N, d) [m/s] at `rate_hz` [Hz], N >= 7, or speeds (N,).
 
-    Noise enters with the sixth power of its frequency, so compare only recordings of one device, rate and filter.
+    Noise enters with the sixth power of its frequency: compare only recordings of the same device, rate and filter.
     """
     v, rate = rows("velocity", velocity, fewest=FEWEST_JERK), positive("rate_hz", rate_hz)
     peak = float(np.linalg.norm(v, axis=1).max())
     if not peak > 0:
         raise ConfigurationError("velocity", "0 m/s throughout", "a hand that moves")
     inner = (v[2:] - 2.0 * v[1:-1] + v[:-2]) * rate**2
-    # One-sided at the ends, of second order: a reach is least smooth where it begins and stops.
+    # One-sided second differences at both ends, because a reach is least smooth where it starts and stops.
     first = (2.0 * v[0] - 5.0 * v[1] + 4.0 * v[2] - v[3]) * rate**2
     last = (2.0 * v[-1] - 5.0 * v[-2] + 4.0 * v[-3] - v[-4]) * rate**2
     squared = (np.vstack((first, inner, last)) ** 2).sum(axis=1)
@@ -180,7 +178,7 @@ def dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
 
 
 def log_dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
-    """LDLJ: minus the natural logarithm of `dimensionless_jerk`; larger is smoother, a minimum-jerk reach has -5.32.
+    """LDLJ: minus the natural logarithm of `dimensionless_jerk`; larger is smoother. A minimum-jerk reach has -5.32.
 
     Balasubramanian et al. 2015. Parameters as in `dimensionless_jerk`. Infinite for a motion without jerk.
     """

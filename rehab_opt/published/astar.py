@@ -1,10 +1,10 @@
 """The paper's path planning: A* over hand positions with three lists and a pull to the reference path.
 
-Xu, Guo, Zhang 2021. The available text lacks the equations and numbers, so this is a reconstruction from its
+Xu, Guo, Zhang 2021. Our copy of the paper lacks the equations and numbers, so this is a reconstruction from its
 description: open, closed and result lists; f = g + h plus a pull to the nearest reference position; positions with a
 manipulability below the threshold are blocked. Our choices are the lattice, the weight of the pull, and the hand's
-orientation, which is that of the nearest reference pose. A motion is searched in stretches between free reference
-poses, because a motion that ends where it began would otherwise be empty.
+orientation, which is that of the nearest reference pose. The search runs in stretches between free reference poses:
+otherwise the path of a motion that returns to its start would be empty.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ class AStarPath:
     complete: bool
     """Whether a path was found for every stretch."""
     expanded: int
-    """Number of positions taken from the open list."""
+    """Number of positions that were taken from the open list."""
     blocked: int
     """Number of blocked positions."""
     seconds: float
     """Computing time."""
 
     def deviations(self, reference: ArrayLike) -> Array:
-        """(N,) [m] from each reference position (N, 3) to the nearest point of the path."""
+        """(N,) [m] distance of each reference position (N, 3) from the nearest point of the path."""
         points = np.array(reference, dtype=np.float64)
         if len(self.positions) < 2:
             return np.asarray(np.linalg.norm(points - self.positions[:1], axis=1))
@@ -141,7 +141,7 @@ class _Search:
         self.places = reference[:, :3, 3]
 
     def free_from(self, sample: int, q: Array) -> int | None:
-        """First sample from this one on whose pose is not blocked."""
+        """First sample, from this one on, whose pose is not blocked."""
         for i in range(sample, len(self.reference), 5):
             there = self.joints(self.reference[i], q, patient=True)
             if there is not None and self.chain.manipulability(there) >= self.threshold:
@@ -208,7 +208,7 @@ class _Search:
         return q[::-1], at[::-1]
 
     def joints(self, pose: Array, near: Array, *, patient: bool = False) -> Array | None:
-        """Joint positions of a pose within the limits, starting from nearby ones; None if none are found."""
+        """Joint positions of a pose within the limits, by Newton steps from nearby ones; None if none are found."""
         q = near.copy()
         for _ in range(4 * NEWTON if patient else NEWTON):
             here = self.chain.pose(q)

@@ -1,9 +1,9 @@
-"""Force field with a hard gate and an upper bound as published: Eqs. (15)-(23), Rossa et al., in numpy.
+"""Force field, gate and upper bound as published: Eqs. (15)-(23), Rossa et al.
 
-Weaknesses kept as published. The weighted mean pulls back before the end of the path, by about 0.4 S sigma at the end
-itself. The path's points count as recorded, so pauses of the hand weigh more. The force jumps at the boundary of the
-comfortable workspace. The resistance of k1 < 0 falls towards the target. Far from the path every weight of Eq. (16)
-underflows, Eq. (17) is 0 / 0, and the force is zero.
+These weaknesses are those of the published equations. Near the end of the path the weighted mean pulls back, at the end
+itself by about 0.4 S sigma. Every recorded point counts once, so pauses of the hand weigh more. The force jumps at the
+boundary of the comfortable workspace. With k1 < 0 the resistance due to k1 falls towards the target. Far from the path
+every weight of Eq. (16) underflows, Eq. (17) is 0 / 0, and the force is zero.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class FieldLaw:
     path : (m, 2) [m] reference points xi_t; the last one is the target.
     stiffness : S [N/m] for both axes, scalar or (2,).
     drag : k1 [N/m] of Eq. (21), of either sign. width : sigma [m]. damping : D [N s/m], scalar or (2,).
-    released : function of a point (2,), true where the force is zero: `comfortable.contains` for scenarios 1-3; None
-        for nowhere.
+    released : function of a point (2,), true where the force is zero; for scenarios 1 to 3 `comfortable.contains`. With
+        None the force acts everywhere.
     force_limit : [N].
 
     Raises
@@ -68,7 +68,7 @@ class FieldLaw:
 
     @cached_property
     def _drag_energies(self) -> Array:
-        """(m,) [J] the terms of Eq. (15) that do not depend on the hand."""
+        """(m,) [J] terms of Eq. (15) that do not depend on the hand's position."""
         return np.asarray(self.drag * self.remaining_length() ** 2)
 
     def energy(self, x: ArrayLike) -> float:

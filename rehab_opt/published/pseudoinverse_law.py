@@ -1,9 +1,9 @@
 """Weighted pseudoinverse with self-motion for chair and arm: Eqs. (1)-(5), Honzik.
 
 Deviations: Eq. (3) maps world-frame speeds to the wheels, which is correct only at heading zero; here the chair's
-speeds are rotated into its own frame first. Eq. (2) uses the axes and half lengths of `Mecanum`. The stick's
-translation is in the chair's frame (section 4), so the heading rotates the rows of the Jacobian. Kept as published: the
-answer is unbounded and grows without limit near a singular posture.
+speeds are first rotated into the chair's frame. Eq. (2) uses the axes and half lengths of `Mecanum`. The stick's
+translation is in the chair's frame (section 4), so the heading rotates the rows of the Jacobian. As published, the
+joint velocities have no bounds and grow without limit near a singular posture.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 
 
 class Excess(NamedTuple):
-    """Largest violation of each limit by a command; zero or negative if the limit is satisfied."""
+    """Largest violation of each limit by a command; at most zero if the command satisfies the limit."""
 
     position: float
-    """[rad] after one tick."""
+    """[rad] of the joint positions after one tick."""
     velocity: float
-    """[rad/s, m/s], the chair's in its own frame."""
+    """[rad/s, m/s]; speeds of the chair are in its own frame."""
     acceleration: float
     """[rad/s^2, m/s^2]"""
     wheels: float
@@ -87,7 +87,7 @@ class PseudoinverseLaw:
         return np.asarray(inverse @ task - free @ self.robot.posture_gradient(q) * size)
 
     def wheels(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """Wheel speeds [rad/s] for joint velocities (7,): Eqs. (2) and (3), corrected as above."""
+        """Wheel speeds [rad/s] for joint velocities (7,): Eqs. (2) and (3), corrected as the module states."""
         chassis = self.robot.chassis_velocity(q, velocity)[:CHAIR]
         return self._base.wheel_speeds(chassis)
 

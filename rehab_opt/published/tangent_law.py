@@ -1,10 +1,10 @@
 """Differential inverse kinematics within joint limits by a tangent transform: Eqs. (8)-(14), Rossa et al.
 
 Deviations: the handle's task is r11 = r21 = 0, because roll and pitch (4)-(5) are singular at their own goal. Locked
-joints are left out, because (8) divides by their range. v is bounded, by default far beyond use. Kept as published: an
-unreachable target drives v to infinity. A joint at its limit does not follow the returning target, because its slope in
-(11) is 1/v^2. `saturation=30, damping=1e-8` gives up 1 % of each range at either end; the arm then returned within 0.05
-s from six excursions after which the published form was up to 13 cm off.
+joints are left out, because (8) divides by their range. v has a bound, which by default is far larger than any value in
+use. As published, an unreachable target drives v to infinity. When the target returns, a joint at its limit does not
+follow, because its slope in (11) is 1/v^2. With `saturation=30, damping=1e-8` the arm returns within 0.05 s, at the
+cost of 1 % of each range at both ends.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ __all__ = ["TangentLaw", "TangentPath", "Tracking", "damped_pseudoinverse"]
 Array = NDArray[np.float64]
 
 GAIN = 1000.0
-"""[1/s] k0; the paper gives no value. `GAIN` and `DAMPING` are the best of the grid of `python -m
+"""[1/s] k0. The paper gives no value: `GAIN` and `DAMPING` are the best of the grid of `python -m
 bench.tangent_law`."""
 DAMPING = 1e-6
-"""mu; the paper requires mu << 1. With 1e-4 one constant reachable target in 25 is missed after 3 s."""
+"""mu; the paper requires mu << 1. With 1e-4 the hand misses one constant reachable target in 25 after 3 s."""
 SATURATION = 1e6
-"""Largest |v|; it corresponds to a millionth of a radian from the limit."""
-STEP = 0.2  # largest k0 h of an integration step h; mocap_lift is followed as with 0.05, in a third of the time
-MAX_MAGNITUDE = 1e6  # [m] a target beyond is no number a hand can be asked to
-SETTLING = 20.0  # [1/k0] for the start, where none is given
+"""Largest |v|: a joint is then about a millionth of a radian from its limit."""
+STEP = 0.2  # largest k0 h of an integration step h [s]; with 0.05 the path of mocap_lift is the same
+MAX_MAGNITUDE = 1e6  # [m] a target beyond counts as not finite
+SETTLING = 20.0  # [1/k0] time to find a start posture if none is given
 
 
 class Tracking(Enum):
     """Result of one sample."""
 
     OK = "ok"  #: hand within the tolerance, handle within its tilt
-    OFF = "off_target"  #: the law did not get there, or not yet
-    HOLDING = "holding"  #: the target was no number, and the posture was kept
+    OFF = "off_target"  #: hand or handle is outside its tolerance
+    HOLDING = "holding"  #: the target was not finite, and the posture stayed
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ class TangentLaw:
 
     # ------------------------------------------------------------------------------------------------ the path
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> TangentPath:
-        """Postures along a hand path; targets out of reach or not finite do not stop it.
+        """Postures along a hand path, also for targets that are out of reach or not finite.
 
         Parameters
         ----------

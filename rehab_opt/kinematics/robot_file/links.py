@@ -28,20 +28,20 @@ Array = NDArray[np.float64]
 PerJoint = ArrayLike | Mapping[str, float]
 
 HARD, SOFT = 100.0, 0.1
-"""[rad/s^2] Largest and smallest acceleration limits of an arm's revolute joint; values outside suggest a mix-up of
-degrees and radians."""
+"""[rad/s^2] Largest and smallest usual acceleration limits of a revolute joint; beyond them, degrees and radians may be
+mixed up."""
 FAST, LONG = 5.0, 5.0
-"""[m/s, m] Largest speed and travel of an arm's prismatic joint; larger values suggest millimetres."""
+"""[m/s, m] Largest usual speed and travel of a prismatic joint; larger values may be in millimetres."""
 COLLISION = "collision"
 """Value of `capsules` that selects the collision geometry of the file."""
 
 
 class Metres(float):
-    """A length for a prismatic joint; a revolute joint refuses it."""
+    """A length, valid only for a prismatic joint."""
 
 
 class Radians(float):
-    """An angle for a revolute joint; a prismatic joint refuses it."""
+    """An angle, valid only for a revolute joint."""
 
 
 class Given(NamedTuple):
@@ -71,7 +71,7 @@ class Format(NamedTuple):
     steps: Callable[..., tuple[list[Step], list[str]]]
     """Source, base, tip -> steps and notes."""
     keys: tuple[str, str, str]
-    """Its names of a joint's lower limit, upper limit and speed limit."""
+    """The format's names of a joint's lower limit, upper limit and speed limit."""
 
 
 URDF = Format(urdf_steps, ("limit.lower", "limit.upper", "limit.velocity"))
@@ -110,7 +110,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
     joints, before, frames = _joints_and_frames(steps, given.locked, source, notes)
     n, names = len(joints), tuple(joint.name for joint in joints)
     rows = tuple(Link(before[i + 1], joints[i].prismatic) for i in range(n))
-    # Frames of links are known in the axes of the joint above; a row's frame lies where the next joint's axes are.
+    # Link frames are known in the axes of the joint before them; a row's frame lies at the next joint's axes.
     back = [inverse_pose(before[0]), *(inverse_pose(row.after) for row in rows)]
     places = {each.step.link: (each.joint, back[each.joint] @ each.pose) for each in frames}
     lower, upper, velocity = _limits(joints, given, source, keys, notes)
@@ -138,17 +138,17 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
 def _joints_and_frames(
     steps: Sequence[Step], locked: Mapping[str, float], source: Source, notes: list[str]
 ) -> tuple[list[Joint], list[Array], list[_Fixed]]:
-    """Moving joints; n + 1 poses, each of the next joint's axes (last the tip) in this one's; link frames."""
+    """Moving joints, link frames, and n + 1 poses: of each next joint's axes (at last the tip) in those before."""
     unknown = sorted(set(locked) - {step.joint.name for step in steps if step.joint is not None})
     if unknown:
         raise ConfigurationError("locked", unknown[0], "a joint between base and tip")
     joints: list[Joint] = []
     before: list[Array] = []
     frames: list[_Fixed] = []
-    here = np.eye(4)  # of what comes next, in the axes of the last joint that moves
+    here = np.eye(4)  # pose of the next frame in the axes of the last moving joint
     for step in steps:
         if step.aside:
-            if joints:  # what the base carries does not move
+            if joints:  # a part of the base does not move
                 frames.append(_Fixed(len(joints), here @ step.origin, step))
             continue
         here = here @ step.origin
@@ -197,7 +197,7 @@ def _at(joint: Joint, value: object) -> Array:
         raise ConfigurationError(f"locked[{joint.name!r}]", value, "a finite joint value")
     if not joint.prismatic and abs(amount) > TWO_TURNS:
         raise ConfigurationError(f"locked[{joint.name!r}]", value, "radians within two turns")
-    if amount < joint.lower or amount > joint.upper:  # not where the file has no limit, NaN
+    if amount < joint.lower or amount > joint.upper:  # false if the file has no limit (NaN)
         expected = f"a value within the joint's {joint.lower:.6g} to {joint.upper:.6g} {unit}"
         raise ConfigurationError(f"locked[{joint.name!r}]", value, expected)
     if joint.prismatic:
@@ -236,7 +236,7 @@ def _limits(
                 none_given = f"{arguments[k]}={{{joint.name!r}: {math.copysign(math.inf, k - 0.5)}}}"
                 raise refused(k, f"radians within two turns, as a joint that has ends; if it has none: {none_given}")
         if not low <= high:
-            k = 0 if of_file[1] else 1  # the caller's, of two
+            k = 0 if of_file[1] else 1  # the limit that the caller gave
             other = f"{keys[1 - k]} of {source.name}" if of_file[1 - k] else arguments[1 - k]
             expected = f"no {('more', 'less')[k]} than {other}, {_said((high, low)[k], joint)}"
             raise refused(k, expected if not of_file[k] else f"no more than {keys[1]} = {high:.6g}")
@@ -250,7 +250,7 @@ def _limits(
             notes.append(f"joint {joint.name} slides by {high - low:.6g} m: more than {LONG:g} (in millimetres?)")
         for k, further in enumerate((low < found[0, i], high > found[1, i], speed > found[2, i])):
             value, theirs = float(limits[k, i]), float(found[k, i])
-            if further and not of_file[k] and math.isfinite(value):  # not where the file has none, NaN
+            if further and not of_file[k] and math.isfinite(value):  # false if the file has no limit (NaN)
                 notes.append(
                     f"joint {joint.name}, {arguments[k]} = {value:.6g}: beyond its file's {keys[k]} = {theirs:.6g}"
                 )
@@ -325,6 +325,6 @@ def _body(link: _Fixed, places: Mapping[str, tuple[int, Array]]) -> Body:
     """A link's mass in its row's frame."""
     frame, pose = places[link.step.link]
     own = link.step.inertial
-    assert own is not None  # those without are left out
+    assert own is not None  # links without a mass are left out
     turn = pose[:3, :3]
     return Body(link.step.link, frame, own.mass, turn @ own.centre + pose[:3, 3], turn @ own.inertia @ turn.T)

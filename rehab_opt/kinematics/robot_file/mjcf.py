@@ -1,7 +1,7 @@
 """MJCF: the steps from a base body to a tip, as MuJoCo compiles them.
 
-MuJoCo itself interprets defaults, frames, rotations and optional limits. It gets only the kinematic elements, so that
-it opens no mesh, no texture and no other file.
+MuJoCo interprets defaults, frames, rotations and optional limits. It gets only the kinematic elements, so it opens no
+mesh, no texture and no other file.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ APART = (
     "geom camera light asset visual statistic size sensor keyframe custom contact extension mesh material pair connect "
     "weld flex include"
 )
-"""Other elements, ignored without a note or reported in another one."""
+"""Other elements: ignored without a note, or reported in another note."""
 UNIT: Mapping[str, Mapping[str, int]] = {
     "joint": {"axis": 3},
     **{tag: {"quat": 4, "axisangle": 3} for tag in ("body", "frame", "site", "inertial")},
@@ -89,7 +89,7 @@ def mjcf_steps(
 ) -> tuple[list[Step], list[str]]:
     """Steps from body `base` (default the world) to body or site `tip` (default the only leaf), and notes.
 
-    Only masses written in the file are used, none that MuJoCo would compute from shapes and meshes.
+    Only the masses that the file states are used, not those that MuJoCo would compute from shapes and meshes.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _rounded(root: Element) -> Iterator[str]:
         for key, count in UNIT.get(element.tag, {}).items():
             try:
                 length = math.hypot(*map(float, element.attributes.get(key, "").split()[:count]))
-            except ValueError:  # MuJoCo says what is wrong with it
+            except ValueError:  # MuJoCo reports the error
                 continue
             off = abs(length - 1.0)
             if worst < off <= 1e-3:
@@ -301,7 +301,7 @@ def _force(mujoco: Any, model: Any, drive: int) -> float:
     if model.actuator_forcelimited[drive]:
         return float(np.abs(model.actuator_forcerange[drive]).max())
     motor = int(model.actuator_biastype[drive]) == int(mujoco.mjtBias.mjBIAS_NONE)
-    if motor and model.actuator_ctrllimited[drive]:  # its force is what it is commanded
+    if motor and model.actuator_ctrllimited[drive]:  # the force of a motor is its command
         return float(np.abs(model.actuator_ctrlrange[drive]).max() * abs(model.actuator_gainprm[drive, 0]))
     return math.inf
 

@@ -43,7 +43,7 @@ READ = {
     "limit": ("lower", "upper", "velocity", "effort"),
     "mimic": ("joint", "multiplier", "offset"),
 }
-"""Known elements and attributes of a joint; others get a note."""
+"""Known elements and attributes of a joint; others give a note."""
 OF_ROBOT = {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"}
 OF_LINK = {
     "inertial": ("origin", "mass", "inertia"),
@@ -53,7 +53,7 @@ OF_LINK = {
     "sensor": None,
     "self_collision_checking": None,
 }
-"""Known elements of a robot and of a link, and their children; others get a note. None allows any child."""
+"""Known elements of a robot and of a link, and their children; others give a note. None allows any child."""
 QUATERNIONS = 1.1
 """First version of the format with quaternions in <origin>; readers of earlier versions ignore them."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
@@ -145,10 +145,10 @@ def _unread(root: Element) -> Iterator[str]:
 
 
 def _refuse_xacro(root: Element, source: Source) -> None:
-    """Refuse xacro elements, under any prefix, and xacro expressions in joints and link names."""
+    """Raise an error for xacro elements, under any prefix, and for xacro expressions in joints and link names."""
     name = source.path.name
     stem = name.removesuffix(".xacro").removesuffix(".urdf")
-    plain = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"  # the shell empties its target
+    plain = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"  # else `>` would empty the file
     expected = f"a URDF; expand it first: xacro {name} > {plain}"
     spaces = (key for key, value in root.attributes.items() if value.rstrip("/").endswith("/xacro"))
     prefixes = {"xacro:", *(f"{key.removeprefix('xmlns:')}:" for key in spaces)}
@@ -267,7 +267,7 @@ def _step(joint: Element, links: Mapping[str, Element], source: Source, notes: l
 
 def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[str]) -> Joint:
     element = joint.only("axis", source, owner)
-    axis = np.array([1.0, 0.0, 0.0])  # the format's default
+    axis = np.array([1.0, 0.0, 0.0])  # default of URDF
     if element is not None:
         if "xyz" not in element.attributes:
             raise source.refuse(f"{owner}, axis.xyz", None, "three numbers")
@@ -282,7 +282,7 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
     )
     if kind == "continuous":
         lower, upper = -math.inf, math.inf
-    elif math.isnan(lower) != math.isnan(upper):  # the format's default of one of them is zero
+    elif math.isnan(lower) != math.isnan(upper):  # URDF's default of a missing one is zero
         lower, upper = (0.0 if math.isnan(each) else each for each in (lower, upper))
     coupled = "" if mimic is None else mimic.text("joint", source, owner)
     effort = effort if effort > 0.0 else math.inf
@@ -326,7 +326,7 @@ def _bodies(link: Element, aside: bool, source: Source, notes: list[str]) -> Ite
                     continue
                 raise source.refuse(f"{owner}, collision.{shape.tag}", value, expected)
             sizes = [shape.numbers(key, source, owner, np.full(n, math.nan)) for key, n in SHAPES[shape.tag]]
-            if not all(np.all(each > 0.0) for each in sizes):  # what is absent is NaN
+            if not all(np.all(each > 0.0) for each in sizes):  # a missing size is NaN
                 said = " ".join(f"{key}={shape.attributes.get(key)}" for key, _ in SHAPES[shape.tag])
                 raise source.refuse(f"{owner}, collision.{shape.tag}", said, "sizes above 0 m")
             axis, radius = np.array([0.0, 0.0, 1.0]), float(sizes[0][0])

@@ -1,6 +1,6 @@
 """Elements and attributes of an untrusted XML file: no entity is expanded and no other file is opened.
 
-The standard library's expat is enough: a robot's kinematics are attributes of a few elements. A reader of our own names
+The standard library's expat is enough, since a robot's kinematics are attributes of a few elements. Our reader names
 the wrong joint and key in its errors; yourdfpy, pinocchio and MuJoCo do not, need 10 to 400 MB, or open meshes.
 """
 
@@ -23,23 +23,23 @@ __all__ = ["Element", "Source", "xml_root"]
 Array = NDArray[np.float64]
 
 LARGEST = 10_000_000
-"""[byte] Largest file; descriptions of whole humanoids have less than a tenth of it."""
+"""[byte] Largest accepted file; files of whole humanoids have less than a tenth of this size."""
 DEEPEST = 200
 """Largest nesting depth; MJCF nests bodies."""
 MAX_ELEMENTS = 30_000
 LONGEST_KEY = 100
 """Longest key in a message, in characters."""
 FARTHEST = 100.0
-"""[m] Largest length; a larger one has another unit."""
+"""[m] Largest accepted length; a larger one is in another unit."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """File that describes a robot; makes the errors about it.
+    """A robot file, and the errors about its content.
 
     Parameters
     ----------
-    path : of the file. name : its name in errors.
+    path : path of the file. name : name of the file in errors.
     """
 
     path: Path
