@@ -35,7 +35,7 @@ class Assistance(BoundedForce):
     comfortable : workspace of the gate; not empty.
     mode : "stretch", "assist", "resist", "follow" or "hold", see `gated_force`.
     force_limit : [N] largest size of the force.
-    onset : [m] distance outside the boundary over which the force of a therapy mode grows; zero gives Eq. (23).
+    onset : [m] distance outside the boundary over which the force of a therapy mode grows; zero gives Eq. 23.
     return_stiffness, return_force : [N/m, N] of the pull back into the workspace in the modes "follow" and "hold".
     bounds : all other arguments of `BoundedForce`.
     """

@@ -77,8 +77,8 @@ class BoundedForce(OneThread):
     budget if the hand stays below the speed cap and ticks come within `max_age`. A hand that jumps faster than the
     speed cap can once draw the force limit times the jump's length.
 
-    The force falls to zero within the slew limit if the solver has no answer, a sensor value is invalid, a stamp is
-    stale or `enable` is released. An object belongs to one thread, see `OneThread`.
+    The force falls to zero within the slew limit after a solver failure, an invalid sensor value, a stale stamp or a
+    released `enable`. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------

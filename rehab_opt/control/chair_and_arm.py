@@ -1,9 +1,9 @@
-"""QP of chair and arm for one set of task rows: Honzik's Eq. (1) with bounds.
+"""QP of chair and arm for one set of task rows: Honzik's Eq. 1 with bounds.
 
 The QP is feasible in every tick, since one tick c of the hardest braking of all joints together satisfies all rows.
 Braking satisfies the acceleration limits, does not change the stop posture z, and every bound holds at z and on the way
-to z. The task rows hold with off = |e|. The hand motion off the command r decays: it is at most 1 - dt/T times that of
-the last tick, plus a term of order dt |u|^2 from the changing Jacobian.
+to z. The task rows hold with the slack off = |e|. The hand motion off the command r decays per tick by the factor 1 -
+dt/T, plus a term of order dt |u|^2 from the changing Jacobian.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class ChairAndArm(VelocityController):
          as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (see the module) satisfy them
 
     - u: joint velocities, the chair's in the chassis frame (forward, left, turn). There W and the arm's Jacobian do not
-      depend on the chair's position, and the rolling row, Eq. (4), is a left speed of zero.
+      depend on the chair's position, and the rolling row, Eq. 4, is a left speed of zero.
     - r: commanded twist; w: the part of the last hand motion off r that is still allowed; e: the remaining deviation.
     - z = q + T u: stop posture if all joints now brake together, see `BrakingTogether`. J: Jacobian at mid-tick.
-    - t: Eq. (1), or the answer nearest to it that the accelerations allow (`HandTask`), within the joint speeds.
-    - b: that answer if it satisfies all bounds, else u_last (1 - dt/T), so that a chair at rest stays at rest.
+    - t: Eq. 1, or the answer nearest to it that the accelerations allow (`HandTask`).
+    - b: the answer t if it satisfies all bounds, else u_last (1 - dt/T), so that a chair at rest stays at rest.
 
     Without a commanded twist all joints brake together as hard as the accelerations allow. For the parameters see
     `RedundancyResolver`.

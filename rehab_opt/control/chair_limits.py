@@ -76,11 +76,10 @@ class ChairLimits:
     - obstacles: the smaller gap of each corner of the chair at z or half-way, see `ChairObstacles`.
 
     If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
-    accelerations allow. A command that moves into or deeper into an obstacle or keep-out, or beyond a user's limit, is
-    blended with braking, and if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit.
-    The rows of a user's limits and of a `Clearance` also hold on the way to z, with moving bodies at their current
-    positions. While the stick commands a motion, `base` moves away from approaching bodies, which may exceed the
-    acceleration limit.
+    accelerations allow. A command that violates an obstacle, a keep-out or a user's limit is blended with braking, and
+    if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit. The rows of a user's limits
+    and of a `Clearance` also hold on the way to z, with moving bodies at their current positions. While the stick
+    commands a motion, `base` moves away from approaching bodies, which may exceed the acceleration limit.
 
     Parameters
     ----------
@@ -106,7 +105,7 @@ class ChairLimits:
 
     @property
     def moving(self) -> list[int]:
-        """Numbers, from 0, of the joints that the drive allows to move: Eq. (4) in the chassis frame."""
+        """Numbers, from 0, of the joints that the drive allows to move: Eq. 4 in the chassis frame."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:

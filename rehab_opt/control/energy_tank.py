@@ -48,14 +48,14 @@ class EnergyTank:
     """Remaining energy of a budget, from commanded forces and the displacements measured while they acted.
 
     The work F.dx of a force F is known only after the displacement dx. While positions are missing or repeat exactly,
-    the largest energy that a hand within `speed_cap` could have drawn is reserved. The next position replaces the
-    reserve, unless a jump follows at once. Energy that the hand puts in is added, up to the budget, if every step was
-    measured.
+    the largest energy that a hand within `speed_cap` could have drawn is reserved. The next position replaces this
+    reserve by the measured work, unless a jump follows at once. Energy that the hand puts in is added, up to the
+    budget, if every step was measured.
 
     A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a step dx costs the
     largest F.dx over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. `ceiling` is
-    the largest force F that leaves enough energy for a release within the slew limit after a tick of length `late`,
-    with the forces F_j under way:
+    the largest force F that leaves enough energy for a release within the slew limit after a tick of length `late`.
+    With the forces F_j under way it satisfies
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 

@@ -254,8 +254,8 @@ def hear(slots: int) -> ca.Function:
     """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two numbers -> `watched_record`, `NUMBERS`,
     both.
 
-    A message is new if its serial exceeds that of every accepted message, and exceeds that of the newest or of the last
-    received message by at most `LEAP`. Other messages give NaN and no energy.
+    A message is new if its serial exceeds that of every accepted message, but by at most `LEAP` that of the newest or
+    last received one. Other messages give NaN and no energy.
     """
     model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
     numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))

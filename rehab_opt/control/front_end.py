@@ -48,9 +48,10 @@ the measured positions are impossible.
 def led_memory(n: int) -> Record:
     """Memory of a `FrontEnd` with n joints.
 
-    It holds the commanded positions; their range in the current and in the previous period of `LATE`; the last measured
-    positions; commanded and measured travel since the last check; duration of blocking [s]; age of the current period
-    [s]; number of valid samples, at most 2; whether the base has moved.
+    The memory holds the commanded positions, and their range in the current and in the previous period of `LATE`. Then
+    come the last measured positions, commanded and measured travel since the last check, duration of blocking [s], and
+    age of the current period [s]. The last numbers are the number of valid samples, at most 2, and whether the base has
+    moved.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}
     return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, known=1, placed=1)
@@ -163,7 +164,7 @@ def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
 
 
 def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Largest of (n,), and its first index."""
+    """Largest of `numbers` (n,), and its first index."""
     most, place = numbers[0], ca.SX(0)
     for i in range(1, numbers.numel()):
         place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])

@@ -1,4 +1,4 @@
-"""Gate of assistance as functions for Python and C: Eq. (23), Rossa et al., and its counterpart of section VI."""
+"""Gate of assistance as functions for Python and C: Eq. 23 of Rossa et al. and its counterpart of section VI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, Eq. (1), Honzik."""
+"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, and Honzik's Eq. 1."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FRAMES = {"chassis": 0.0, "world": 1.0}
 PRICE = 2.0
 """[m/s] Price per m/s of missing hand speed; the price of kinetic energy over mass is about 1."""
 STEEP = 1e3
-"""[m/s] Largest price. Smaller prices follow the marginal cost of Eq. (1), which is large near singular postures."""
+"""[m/s] Largest price. Smaller prices follow the marginal cost of Eq. 1, which is large near singular postures."""
 OFF = 20.0
 """Factor on the price for speed off the commanded direction."""
 CALM = 0.02
@@ -34,7 +34,7 @@ CALM = 0.02
 STRAIGHT, BACK = 0.27, 0.05
 """Largest hand speed at the stop posture across and against the command, as fractions of the commanded speed."""
 BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
-"""If Eq. (1) increases c faster than `UPHILL` per second, joint speeds are limited to the fraction (h^2 / h' - h') /
+"""If Eq. 1 increases c faster than `UPHILL` per second, joint speeds are limited to the fraction (h^2 / h' - h') /
 `ASIDE`. Here h [m/s] is the hand speed at full joint speeds, and h' is `BARELY` times the commanded speed. The joints
 thus stop before the singular posture, so a reversed stick leads back to the side that c prefers.
 """
@@ -116,7 +116,7 @@ class HandTask:
         size, left = ca.norm_2(commanded), braking.slower(ca.SX(1))
         direction = commanded / ca.fmax(size, TINY)
 
-        # Eq. (1), and Eq. (5) without the left speed: u = W^-1 J' y - v grad c with J u = r. Then the smallest
+        # Eq. 1, and Eq. 5 without the left speed: u = W^-1 J' y - v grad c with J u = r. Then the smallest
         # change that gives the same r at mid-tick.
         weigh = solver_of(inertia[moving, moving])
 
@@ -137,7 +137,7 @@ class HandTask:
         soft, firmness = firm(jacobian)
         change = firmness(commanded - jacobian @ free)
         law = free + self._spread(soft @ change)
-        # Continue as before, and from there as far towards Eq. (1) as the accelerations allow.
+        # Continue as before, and from there as far towards Eq. 1 as the accelerations allow.
         hand = before @ last
         along = clipped(ca.dot(direction, hand), 0, sought)
         aside = hand - along * direction

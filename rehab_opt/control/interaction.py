@@ -5,12 +5,12 @@ step's start bound speed and displacement. With E = (M x'^2 + K x^2) / 2, every 
 
     F . dx >= E_after - E_before + B |x'|^2 dt
 
-A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, counts measured
-forces and positions. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`; dy is the hand's motion relative to
-its reference, and the 0.02 W compensate noise. As T falls, the damping B reserve / T grows, until the hand hardly
-responds to forces but still returns, which fills the tank. So the energy -sum F . dy that a hand delivers within a time
-t from rest is at most reserve + 0.02 W t, plus energy under way when the tank ran empty. This bound holds for any
-delay, if the hand is at its measured position.
+A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, adds up the work of
+the measured forces. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`, with the hand's motion dy relative to
+its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows, until the hand hardly responds
+to forces but still returns, which fills the tank. So a hand delivers at most reserve + 0.02 W t within a time t from
+rest, plus energy under way when the tank ran empty. This bound holds for any delay, if the hand is at its measured
+position.
 """
 
 from __future__ import annotations

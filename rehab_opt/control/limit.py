@@ -101,10 +101,10 @@ def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
 
 
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
-    """The limits, each evaluated once on the chain.
+    """Check the limits by evaluating each once on the chain.
 
-    Raises `ConfigurationError` if `limits` is not a list of `Limit`, a distance is no expression of the joint positions
-    or has no slope (as a comparison), or a rate is not positive.
+    Raises `ConfigurationError` for another type than `Limit`, a rate that is not positive, or distances that are no
+    differentiable expression of the joint positions (such as a comparison).
     """
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, Limit) for each in limits):
         raise ConfigurationError("limits", limits, "a list or tuple of Limit")

@@ -140,8 +140,8 @@ class HandSpeed(Bound):
     def at_most(self, tick: Stages, way: Way) -> ca.SX:
         """Upper bound of `excess`, from J(q) only.
 
-        A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|) with r_i
-        the longest column of J_v at any posture, and J_w u by as much with r_i = 1.
+        A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|). Here r_i
+        is the longest column of J_v at any posture; for J_w u it is 1.
         """
         size, over = ca.fabs(way.u), []
         turned = self._manoeuvre.dt * ca.sum1(size)
@@ -333,7 +333,8 @@ class Kept(Bound):
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
-        """(m,) upper ends minus the tangents' error at the command u (n,); `brake` (n,) still satisfies them."""
+        """Upper ends (m,) of rows, minus the tangents' error at the command u (n,); `brake` (n,) still satisfies them.
+        """
         way = Way(state, u, further(self._manoeuvre.ticks(u)))
         true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)

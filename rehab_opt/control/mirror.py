@@ -1,7 +1,7 @@
 """Mirror therapy: joint velocities of an arm that leads a hand along the other hand's mirrored path.
 
-A reconstruction of Xu, Guo, Zhang (2021), whose equations are not available to us: the path follows the reference with
-a manipulability floor, as a QP instead of a search.
+This is a reconstruction of Xu, Guo, Zhang (2021), whose equations are not available to us. The path follows the
+reference with a manipulability floor, as a QP instead of a search.
 """
 
 from __future__ import annotations

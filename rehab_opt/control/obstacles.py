@@ -131,19 +131,19 @@ def approach(
 ) -> ObstacleRows:  # fmt: skip
     """Rows that keep the chair's outline out of one obstacle for any turn within the tick.
 
-    If the velocity satisfies the rows and `turn`, an outline outside the obstacle stays outside at every instant of the
-    tick, and an outline inside gets no deeper. Depth is the shortest translation out of the obstacle. The chair may
-    move straight in the world while it turns, or along the arc of constant wheel speeds.
+    If the velocity satisfies the rows and `turn`, an outline outside the obstacle stays outside at every instant. An
+    outline inside gets no deeper. Depth is the shortest translation out of the obstacle. The chair may move straight in
+    the world while it turns, or along the arc of constant wheel speeds.
 
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
     normal at the point nearest to the disc's centre c. The signed distance of c from a rectangle with corners p is the
-    largest n . c - max(n . p) over all unit vectors n, so the bound does not jump when another edge becomes the
+    largest n . c - max(n . p) over all unit vectors n. The bound therefore does not jump when another edge becomes the
     nearest.
 
-    A turn by w dt moves a corner p off its straight path by at most |p| (w dt)^2/2, and an arc of the wheels by drive
-    |w| dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed towards the wall
-    is a concave function of w, not negative at w = 0. The rows are two chords of this function, from w = 0 to the
-    largest turn rates.
+    A turn by w dt moves a corner p off its straight path by at most |p| (w dt)^2/2. An arc of the wheels adds drive |w|
+    dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed towards the wall is
+    a concave function of w, not negative at w = 0. The rows are two chords of this function, from w = 0 to the largest
+    turn rates.
 
     Parameters
     ----------

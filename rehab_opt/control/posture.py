@@ -44,7 +44,7 @@ class Quadratic(NamedTuple):
 
 
 class PostureCost:
-    """Sum of weighted terms, each but the last 1/2 sum_i w_i (change_i / range_i)^2.
+    """Sum of weighted terms; all but the last are 1/2 sum_i w_i (change_i / range_i)^2.
 
     ================ ====================================================================================
     "rest"           distance from the rest posture

@@ -53,9 +53,7 @@ class Preview:
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 
     def ahead(self, place: tuple[int, float], pace: float, most: int, *, dt: float, quickening: float) -> Layout:
-        """At most `most` ticks from a place and a pace, which rises by at most 1 in `quickening` seconds, up to a
-        bridge.
-        """
+        """Preview of at most `most` ticks, up to a bridge; the pace rises by at most 1 in `quickening` seconds."""
         at, fraction = place
         last, rise = len(self._seconds) - 1, dt / quickening
         seconds, fastest, paces = self._seconds, self._fastest, self._paces

@@ -125,9 +125,9 @@ class ClockStatement:
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
         """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples (60,), `CLOCK`.
 
-        A jump, or a sample with `bridge`, is bridged: the sample is as late as a calm motion to it at these speeds
-        takes, with a further sample on the way. Without a bridge the last of the two samples is unused. Skipped time
-        before the sample is included in its stamp.
+        A jump, or a sample with `bridge`, is bridged: a calm motion at these speeds leads to the sample, over a further
+        sample on the way. Without a bridge the last of the two samples is unused. Skipped time before the sample is
+        included in its stamp.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))
@@ -290,7 +290,7 @@ class ReferenceClock:
         )
 
     def left(self, seconds: Array) -> tuple[Array, Array]:
-        """Poses (M, 4, 4), and times [s] in the reference's own time, `seconds` (M,) before the newest sample."""
+        """Poses (M, 4, 4) and times (M,) [s] of the reference, each `seconds` (M,) before the newest sample."""
         samples = self._table[: self._end]
         after = np.append(np.cumsum(samples[:0:-1, SAMPLE["seconds"]])[::-1], 0.0)
         place = np.interp(-seconds, -after, np.arange(self._end))

@@ -1,7 +1,7 @@
 """Velocity interval of each joint in this tick, and braking of the whole robot together.
 
-The bounds have a fixed order of precedence, so the QP's box is never empty: the velocity limit always holds; then no
-joint moves further outside its limit; then acceleration; then the task.
+Velocity limits take precedence over position limits, these over accelerations, and these over the task. So the QP's box
+is never empty.
 """
 
 from __future__ import annotations
@@ -127,8 +127,8 @@ def max_change(chain: SerialChain, dt: float) -> ca.DM:
 def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
-    A speed v is held for dt, then v - change, v - 2 change and so on: k = floor(v/change) further ticks, in all dt ((k
-    + 1) v - change k (k + 1)/2). This function inverts that piecewise linear relation. Without room the speed is zero.
+    A speed v is held for dt, then v - change, v - 2 change and so on, for k = floor(v/change) further ticks. The way is
+    dt ((k + 1) v - change k (k + 1)/2); this function inverts the relation. Without room the speed is zero.
     """
     room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
@@ -159,8 +159,8 @@ LATER = 0.3
 class BrakingTogether:
     """Braking of all joints together: every velocity shrinks by the same fraction per tick.
 
-    With T the time in which every joint can stop from its largest speed, and u the velocities of all joints, braking is
-    u <- (1 - dt/T) u. It ends at the stop posture
+    T is the time in which every joint can stop from its largest speed, and u are the velocities of all joints. Braking,
+    u <- (1 - dt/T) u, ends at the stop posture
 
         z = q + T u.
 

@@ -190,5 +190,5 @@ def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty
 
 
 def below(relaxed: ca.SX, part: int) -> ca.SX:
-    """Part of a `Relaxed` number below one of its flags."""
+    """Flags of a `Relaxed` number that are smaller than the flag `part`."""
     return relaxed - part * ca.floor(relaxed / part)
