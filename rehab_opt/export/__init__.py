@@ -1,1 +1,1 @@
-"""Controllers as C: a source file and a header each, with a recorded run that the C code repeats."""
+"""Export controllers as C: for each a source file, a header, and a recorded run that the C code repeats."""

@@ -19,11 +19,11 @@ from rehab_opt.version import __version__
 __all__ = ["SOLVERS", "files_of"]
 
 SOLVERS = VELOCITY_SOLVERS
-"""Names of the solvers by the number that C returns; -1 means none."""
+"""Names of the solvers, in the order of the numbers that C returns; -1 means none."""
 
 
 def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
-    """Content of every file by its name; `problem` is the source of the controller."""
+    """Content of every file by its name; `problem` describes the origin of the controller."""
     functions = exported.generated
     code = generated(functions)
     values = _values(exported, code, problem)
@@ -57,7 +57,7 @@ def _effort(solves: int) -> str:
 
 
 def _values(exported: ExportedController, code: Generated, problem: str) -> dict[str, str]:
-    """Values of the names in the templates."""
+    """Values that replace the names in the templates."""
     shape, recording = exported.shape(), exported.recording
     arguments, results, reals = max(code.arguments, 3), max(code.results, 3), max(code.reals, 1)
     return {

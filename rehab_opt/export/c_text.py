@@ -20,7 +20,7 @@ __all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "layout"
 
 
 def number(value: float) -> str:
-    """A double of C that reads back as the same number."""
+    """A C literal that is read as exactly this number."""
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -29,12 +29,12 @@ def number(value: float) -> str:
 
 
 def initialiser(values: Iterable[float]) -> str:
-    """{a, b, c}"""
+    """C initialiser {a, b, c} of these numbers."""
     return "{" + ", ".join(number(value) for value in values) + "}"
 
 
 def layout(name: str, places: Mapping[str, slice]) -> str:
-    """Offsets and sizes of a record's numbers as constants of C."""
+    """C constants with the offsets and sizes of a record's numbers."""
     found = {each: place.start for each, place in places.items()} | {"size": max(at.stop for at in places.values())}
     return ", ".join(f"{name.upper()}_{each.upper()} = {at}" for each, at in found.items())
 
@@ -46,14 +46,14 @@ def comment(text: str) -> str:
 
 
 def indented(lines: Iterable[str]) -> str:
-    """Lines of a block."""
+    """Lines as the body of a C block."""
     return "\n".join(f"    {line}" for line in lines)
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """The template `template`.in of this package, or the part of that name in parts.in, with its names replaced.
+    """Text of the template `template`.in, or of the part of that name in parts.in, with its names replaced.
 
-    It has no empty line at its end.
+    The text has no empty line at its end.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def filled(template: str, values: Mapping[str, str]) -> str:
 
 @cache
 def _parts() -> dict[str, str]:
-    """Headers and other short parts by name; a line with its name precedes each."""
+    """Short parts of parts.in, by the name in the line above each part."""
     parts = re.split(r"^=== (.*)\n", _read("parts"), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
@@ -80,9 +80,9 @@ class Evaluated:
     Parameters
     ----------
     about : short description of the result.
-    function : evaluated; its first output is the result.
-    inputs : C address of each input: memory of the controller, an argument, or a table.
-    tables : columns of numbers (n,) by their name in C, or (n, count) if a tick selects one.
+    function : the CasADi function; its first output is the result.
+    inputs : C address of each input: in the controller's memory, an argument, or a table.
+    tables : columns of numbers (n,) by their name in C, or (n, count) if a tick selects one column.
     """
 
     controller: str

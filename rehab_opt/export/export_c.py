@@ -1,4 +1,4 @@
-"""Write controllers as C: one made in Python, or those of a problem file."""
+"""Write controllers as C: a controller made in Python, or those of a problem file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rehab_opt.session.report import checked_folder
 __all__ = ["export_c", "written_files"]
 
 MARK = "Written by rehab-opt export-c"
-"""Mark in every header."""
+"""Text in every header, by which an export is recognised."""
 
 
 def export_c(
@@ -34,27 +34,27 @@ def export_c(
 ) -> tuple[Path, ...]:
     """Write a controller as C (source, header, and a recorded run that C repeats); returns the written files.
 
-    The header has the joints' names and limits, `dt`, the version of this library, and a hash of the computations.
-    Files are written into a scratch folder, then moved. A pair, or a problem with several controllers, gets a folder
-    for each controller. Only files of an earlier export are replaced.
+    The header has the joints' names and limits, `dt`, the version of this library, and a hash of the model. For a pair,
+    or a problem with several controllers, each controller gets a folder. Only files of an earlier export are replaced.
 
     Parameters
     ----------
-    controller : `PoseTracker`, with its own `limits` too, `MirrorTracker`, `RedundancyResolver`, `Assistance`,
-        `PathAssistance`, `Bilateral`, or a loaded problem file. It is reset before and after. Its solver must be qrqp,
+    controller : a `PoseTracker`, `MirrorTracker`, `RedundancyResolver`, `Assistance`, `PathAssistance` or `Bilateral`,
+        also with your own `limits`, or a loaded problem file. It is reset before and after. Its solver must be qrqp,
         the default; C has no backup solver.
     folder : target; created if missing.
     run : ticks that C repeats with faults added, each with the arguments of `step` by name: q, pose, twist and
-        obstacles; q, twist, rows, frame and moving; x. Joints move as commanded from the first tick's q. Stamps, forces
-        and the enable input are generated. Default: a random run, or that of the problem file.
-    memory : [bytes] largest size of the C struct. For a `MirrorTracker` the rest is a buffer of reference samples, by
-        default 96 kB together; other controllers have a fixed size.
+        obstacles for trackers; q, twist, rows, frame and moving for a resolver; x for forces. Joints move as commanded
+        from the first tick's q. Stamps, forces and the enable input are generated. By default a random run, or that of
+        the problem file.
+    memory : [bytes] largest size of the C struct. For a `MirrorTracker` (default 96 kB) the buffer of reference samples
+        fills the part that is left; other controllers have a fixed size.
     writing : context that is active while files are written.
 
     Raises
     ------
-    ConfigurationError : a controller without C code or with a larger struct; a run without arguments of `step`; an
-        invalid folder; a file in it that is not from an earlier export.
+    ConfigurationError : a controller without C code or with a larger struct; a run that lacks arguments of `step`; an
+        invalid folder, or one with a file that is not from an earlier export.
     ProblemFileError : a problem file without an exportable controller.
     OSError : the folder cannot be created or written to.
     """
@@ -89,11 +89,11 @@ def written_files(places: Mapping[Path, ExportedController], folder: Path, *, pr
     OSError : as for `export_c`.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = folder if folder.is_dir() else folder.parent  # what is there may be mounted: no file moves into it
+    beside = folder if folder.is_dir() else folder.parent  # on the same file system, so that files can be moved
     written = []
     try:
         drafts = tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside)
-    except OSError as refused:  # it would name a file that nobody asked for
+    except OSError as refused:  # the original names a scratch file; the new error names the folder
         raise OSError(refused.errno, refused.strerror, str(folder)) from refused
     with drafts as scratch:
         for i, (place, controller) in enumerate(places.items()):

@@ -1,4 +1,4 @@
-"""Data of a controller for export to C, and the table from which C reads its sizes."""
+"""Data of a controller for export to C, and the table of sizes in the C code."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ __all__ = ["ExportedController", "ExportedVelocity", "Law", "refuse_other_solver
 MAX_VALUES = 12
 """Largest number of values of a command: `REHAB_MAX_VALUES`."""
 BYTES = 8
-"""Size of a number or an address."""
+"""[bytes] Size of a number or an address."""
 SPARE = 100
-"""Reserve for numbers of a struct that are not counted."""
+"""Reserve for members of a struct that are not counted."""
 VERDICT = 3
-"""Number of values in a verdict before its report."""
+"""Number of values in a certificate's verdict before the statement's report."""
 
 
 def refuse_other_solvers(config: ProblemFile[Problem], key: str) -> None:
@@ -95,14 +95,14 @@ class ExportedController(ABC):
     name : identifier; also the name of the files.
     title : short description.
     interface : templates of the user's functions, without the suffixes .h.in and .c.in.
-    call : C code that passes the inputs of `tick`, a `recorded_tick`, to `controller`.
+    call : C code that passes the inputs of a `recorded_tick` named `tick` to the struct `controller`.
     usage : example of a loop in C.
     recording : the run that C repeats.
     differences : sentences on differences between C and Python.
     solves : largest number of solves in a tick.
     values : further template values of the interface.
     more_memory : further members of the C struct.
-    pieces : templates (without .in) that core, interface and later pieces include, by their name there.
+    pieces : templates (without .in) that core, interface and later pieces include, by their names in these.
     """
 
     core: ClassVar[str]
@@ -145,12 +145,12 @@ class ExportedController(ABC):
 
     @cached_property
     def generated(self) -> list[ca.Function]:
-        """`functions`, cached, because making them takes as long as making the controller."""
+        """`functions`, cached, because they take as long to make as the controller."""
         return self.functions()
 
     @abstractmethod
     def shape(self) -> dict[str, str]:
-        """Template values of the core; `numbers` is the number of doubles in its memory."""
+        """Template values of the core; the value `numbers` is the number of doubles in the controller's memory."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -199,7 +199,7 @@ class ExportedVelocity(ExportedController):
         return lines
 
     def functions(self) -> list[ca.Function]:
-        """Functions of its controllers."""
+        """Functions of the QP controllers."""
         return [function for law in self.laws for function in law.functions()]
 
     def shape(self) -> dict[str, str]:

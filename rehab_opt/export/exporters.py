@@ -1,6 +1,6 @@
 """Registry of exporters by the system of a problem file.
 
-A new controller needs a file in `controllers`, a line in `EXPORTERS`, and templates of its user functions.
+A new controller needs a file in `controllers`, a line in `EXPORTERS`, and templates of its C interface.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rehab_opt.session.outcome import Progress
 __all__ = ["EXPORTERS", "Exporter", "exported_controllers"]
 
 Exporter = Callable[[ProblemFile[Any], Progress, int | None], Sequence[ExportedController]]
-"""Function: problem file, progress, largest struct [bytes] -> its controllers with recorded runs."""
+"""Function from a problem file, progress and the largest struct [bytes] to the controllers with recorded runs."""
 
 
 def exported_controllers(

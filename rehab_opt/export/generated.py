@@ -1,4 +1,4 @@
-"""CasADi functions as C code with only static names, for inclusion in our files."""
+"""C code of CasADi functions with only static names, for inclusion in our files."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from rehab_opt.optim.qrqp import going_on_after_failed_solves
 __all__ = ["Generated", "generated", "renamed"]
 
 OLD_C = "#if __STDC_VERSION__ < 199901L"
-"""Line before CasADi's own minimum, maximum and absolute value."""
+"""Line that precedes CasADi's own minimum, maximum and absolute value."""
 COMPARISONS = "#if 1 /* comparisons, as in the code that Python runs: it is compiled as gnu89 (symbolic/compiled.py) */"
 DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()", re.MULTILINE)
-"""Start of a function of CasADi's runtime, which is visible to the linker by default."""
+"""Start of a function of CasADi's runtime; by default the linker sees these functions."""
 
 COPY, FROM_WORK = "void casadi_copy(", re.compile(r"\bcasadi_copy\((?=w\d|\(&w\d)")
-"""CasADi's function that copies a vector, if there is one; and a call of it for a part of the work space."""
+"""CasADi's function that copies a vector, unless it is NULL; and a call of this function for work space."""
 COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int n, casadi_real* y) {
   casadi_int i;
   if (y) for (i=0; i<n; ++i) y[i] = x[i];
 }
 
 """
-"""Copy without the branch for a missing x, for which gcc 12 warns (-Warray-bounds)."""
+"""The same copy without the branch for x = NULL, for which gcc 12 warns (-Warray-bounds)."""
 
 FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\n?)", re.MULTILINE | re.DOTALL)
 """A function with a fixed name, with the comment before it."""
@@ -48,7 +48,7 @@ class Generated(NamedTuple):
 
     code: str
     notice: str
-    """CasADi's note on the licence of this code, from its first comment."""
+    """CasADi's note on the licence, from the first comment of the code."""
     arguments: int
     results: int
     integers: int
@@ -59,7 +59,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
     """C code of all functions, each static with its own name.
 
     Outputs may use the memory of inputs. Work space sizes are those of the virtual machine, which are at least those of
-    the code: they include the additional integers of `optim/qrqp.py`, since qrqp writes one too many.
+    the code. They include the additional integers of `optim/qrqp.py`, because qrqp writes one integer too many.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Default runs: random but always equal, with far targets, jumps, and hands that leave the workspace."""
+"""Default runs: seeded random runs with far targets, jumps, and hands that leave the workspace."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Array = NDArray[np.float64]
 Ticks = list[dict[str, Any]]
 
 TICKS, EACH = 2000, 100
-"""Length of a run, and of one target in it."""
+"""Number of ticks of a run, and of one target in it."""
 WIDEST = np.pi
 """[rad, m] Range of joints without limits."""
 
 
 def tracker_run(tracker: PoseTracker) -> Ticks:
-    """Poses that jump within and beyond the arm's reach, some of them moving; joints move as commanded."""
+    """Targets that jump within and beyond the arm's reach, some of them moving; joints move as commanded."""
     rng, chain, moving = np.random.default_rng(0), tracker.chain, tracker.limits.moving
     tracker.reset()
     q, ticks = best_posture(tracker, rng), Ticks()
@@ -55,7 +55,7 @@ def bodies_about(place: Array, limits: PostureLimits, rng: np.random.Generator) 
 
 
 def mirror_reference(tracker: MirrorTracker) -> Ticks:
-    """A hand that moves around a posture, the first q, at times faster than the arm; capsules move around it."""
+    """A hand that moves around its pose at the first q, at times faster than the arm; capsules move around the hand."""
     rng, limits = np.random.default_rng(0), tracker.limits
     q = best_posture(tracker, rng)
     t = tracker.dt * np.arange(TICKS)[:, None]
@@ -71,7 +71,7 @@ def mirror_reference(tracker: MirrorTracker) -> Ticks:
 
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:
-    """Twists of every set of rows, in both frames, up to twice the robot's speed; it moves as commanded."""
+    """Twists of every set of rows, in both frames, up to twice the robot's speed; the robot moves as commanded."""
     rng, chain, most = np.random.default_rng(0), resolver.robot.chain, resolver.limits.moving
     widest = max(map(len, resolver.row_sets))
     resolver.reset()
@@ -99,7 +99,7 @@ def hand_run(region: Workspace, dt: float) -> Array:
 
 
 def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
-    """Hands (N, 2) [m] of the helper and the following participant, and the messages that each receives."""
+    """Hands (N, 2) [m] of the helper and of the participant, who follows, and the messages that each receives."""
     workspace_map = pair.helper.workspace_map
     hands = hand_run(workspace_map.source, pair.dt)
     drawn = np.array([workspace_map.image(hand) for hand in hands])

@@ -38,11 +38,11 @@ RunTick = dict[str, Any]
 STAMPED = "A stamp is always required and checked. In Python it may be left out."
 NO_ITERATIONS = "`iterations` of Python's command is not there."
 MAX_TICKS = 4000
-"""Largest number of ticks; a longer run is thinned, because its header would compile for minutes."""
+"""Largest number of ticks; a longer run is thinned, because the compilation of its header would take minutes."""
 STANDS = 0.6
-"""[s] Duration of frozen encoders; within it a hand at about 5 cm/s shows that its joints do not follow."""
+"""[s] Duration of frozen encoders, long enough to detect that joints do not follow if the hand moves at 5 cm/s."""
 NOISE = 1e-4
-"""[rad or m] Standard deviation of the encoders in a recorded run."""
+"""[rad or m] Standard deviation of the encoders' noise in a recorded run."""
 STATUSES = {status: number for number, status in enumerate(NUMBERED)}
 """Values of `enum rehab_status`."""
 
@@ -54,7 +54,7 @@ class Run:
     Parameters
     ----------
     ticks : inputs of the controller, with the same names and sizes in every tick.
-    commands : Python's commands, without the stages that C lacks.
+    commands : Python's commands, computed without the stages that C lacks.
     about : description of the run.
     more : further outputs of the controller with each command; the same number in every tick.
     """
@@ -109,7 +109,8 @@ class Joints:
 
     Parameters
     ----------
-    start : (n,) at rest. dt : [s] of a tick. ticks : of the run; after it the encoders are frozen.
+    start : (n,) [rad or m] positions at the start, at rest. dt : [s] of a tick.
+    ticks : number of ticks, after which the encoders are frozen.
     """
 
     def __init__(self, start: Array, *, dt: float, ticks: int) -> None:
@@ -123,7 +124,7 @@ class Joints:
         return np.where(told == self.start, self._seen, told)
 
     def go(self, command: Array) -> None:
-        """One tick at these velocities (n,)."""
+        """Move for one tick at the velocities `command` (n,)."""
         self._q += self._dt * command
         self._tick += 1
 
@@ -137,9 +138,9 @@ def recorded(
     more: Callable[[], Sequence[float]] = tuple,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Run:
-    """Run of the commands of `step` for every tick, with the outputs of `more` after each.
+    """Run with the commands of `step` for every tick, and the outputs of `more` after each.
 
-    `joints` replace q in ticks whose q is their start.
+    In ticks whose q is the start of `joints`, the encoder values of `joints` replace q.
     """
     told, commands, besides = [], [], []
     for k, each in enumerate(ticks):
@@ -154,7 +155,7 @@ def recorded(
 
 
 def thinned(count: int) -> NDArray[np.intp]:
-    """Indices of the kept ones of `count` ticks: all, or every second, third and so on."""
+    """Indices of the ticks that a recorded run keeps, of `count`: all, or every second, third and so on."""
     return np.arange(0, count, -(-count // MAX_TICKS))
 
 
@@ -166,9 +167,9 @@ def encoder_noise(ticks: int, joints: int) -> Array:
 
 
 def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joints, RunTick]:
-    """The run with the first positions in every tick, to be replaced by joints that move as commanded.
+    """The run with the first positions in every tick, joints that replace them (see `recorded`), and the fastest tick.
 
-    It also returns these joints, see `recorded`, and the tick with the fastest joint.
+    The joints move as commanded; in the fastest tick a joint is faster than in any other.
     """
     fastest = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
     start = run[0]["q"]
@@ -179,11 +180,11 @@ def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joint
 def with_faults(
     ticks: Sequence[RunTick], *, dt: float, max_age: float, more: Sequence[Callable[[RunTick], RunTick]] = ()
 ) -> list[RunTick]:
-    """The ticks with all kinds of faults among them; stamps are generated.
+    """The ticks with all kinds of faults among them, and generated stamps.
 
     Parameters
     ----------
-    ticks : valid ones, without `enable` and `stamp`.
+    ticks : valid ticks without `enable` and `stamp`.
     dt, max_age : [s] of the watchdog.
     more : further functions that put a fault into a valid tick.
     """
@@ -194,11 +195,11 @@ def with_faults(
     ]
     for name in arrays:
         faults += [_element(name, 0, np.nan), _element(name, -1, np.inf), _element(name, -1, -1.1e6)]
-    # No joint can have come to such positions, which would be told first.
+    # Impossible positions would be reported first, so they are left out.
     faults.append(lambda tick: {**tick, **{name: np.full_like(tick[name], 9e5) for name in arrays if name != "q"}})
     faults += more
     stale, jump = (int(max_age / (0.9 * dt)) + 10, 1.0 + max_age) if max_age < 10.0 else (0, 1.0)
-    # What the clock of the state does then; the stream that begins anew ends the lag that was gathered.
+    # Faults of the stamps; the last one, a stream that starts anew, ends the accumulated lag.
     late = [0.0, -dt, -jump, jump, *([0.1 * dt] * stale), -jump]
     spread = np.linspace(0, len(ticks), len(faults) + 3).astype(int)[1:-1]
     at = dict(zip(spread[:-1].tolist(), faults, strict=True))
@@ -211,7 +212,7 @@ def with_faults(
 
 
 def standing(ticks: Sequence[RunTick], moving: RunTick, *, dt: float) -> list[RunTick]:
-    """Ticks after `ticks`: encoders frozen in a moving tick for `STANDS`, then no enable input."""
+    """Ticks after `ticks`: for `STANDS` the encoders are frozen in a moving tick, then `enable` is released."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
     return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 

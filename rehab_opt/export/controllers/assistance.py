@@ -60,8 +60,9 @@ def exported_assistance(
 
     Parameters
     ----------
-    helper : the controller; it is reset.
-    positions : (N, 2) [m] hand position in each tick. Velocities are given in the first half, then estimated.
+    helper : the controller; the export resets it.
+    positions : (N, 2) [m] hand position in each tick. In the first half of the run velocities are inputs, then they are
+        estimated.
     title : short description.
     fields : further fields for `set_field`, numbered from 1; the helper's own is 0.
     offset : (N, 2) [m] offset of the field in each tick.
@@ -128,7 +129,7 @@ def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: 
     """
     held = helper.field
     for field in fields:
-        helper.set_field(field)  # refuses what Python refuses
+        helper.set_field(field)  # raises the same errors as in Python
     helper.set_field(held)
     tables = [field_table(field.samples) for field in fields]
     most, edges = max(map(len, tables)), edge_columns(helper.comfortable.polygon)

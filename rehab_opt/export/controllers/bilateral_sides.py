@@ -1,4 +1,4 @@
-"""Export of `HelperSide` and `ParticipantSide`: one controller each, with the messages between them."""
+"""Export of `HelperSide` and `ParticipantSide`: a controller for each side, and the messages between them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def exported_helper_side(
 
     Parameters
     ----------
-    side : the controller; it is reset.
+    side : the controller; the export resets it.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def exported_helper_side(
 def exported_participant_side(
     side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
-    """The participant's side with a recorded run, as `exported_helper_side`."""
+    """The participant's side with a recorded run; arguments as in `exported_helper_side`."""
     spline = side.workspace_map.spline.statement
     edges = edge_columns(side.workspace_map.source.polygon)
     inside = nearest_point_function(len(edges))
@@ -237,7 +237,7 @@ def _recording(
     side.reset()
     ticks = _ticks(side, positions, received, len(hears._fields) - 1)
     about = f"{len(ticks)} ticks of a hand's path and of messages, with faults among them"
-    numbers = side._messages.numbers.copy()  # they go on through a reset, and C begins anew
+    numbers = side._messages.numbers.copy()  # a reset does not change them, but C starts anew
     try:
         side._messages.numbers[:] = 0.0
         with as_in_c(side.force._solvers):

@@ -1,4 +1,4 @@
-"""Export of bounded force controllers: bounds, hand, and energy tank, for any desired force."""
+"""Export of bounded force controllers: force bounds, motion of the hand, and energy tank, for any desired force."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ALONE = {
     "full": ", 1", "energy": ", int energy", "fills": "energy", "on_hand": "",
     **dict.fromkeys(("received_input", "received_argument", "said_output", "said_argument"), ""),
 }  # fmt: skip
-"""Template values of a single force, whose reset may fill the tank."""
+"""Template values of a controller with one hand, whose reset may fill the tank."""
 UNITS = {"force_limit": "N", "slew_limit": "N/s", "growth_limit": "N/s", "speed_cap": "m/s", "budget": "J"}
 """Units of the numbers in the header."""
 
@@ -68,7 +68,7 @@ class ExportedForce(ExportedController):
 
     @property
     def slots(self) -> int:
-        """Number of time slots for forces under way."""
+        """Number of time slots for forces that are commanded but not yet delivered."""
         return self.force.slots
 
     def functions(self) -> list[ca.Function]:
@@ -111,9 +111,9 @@ def faulty_ticks(
     others: Sequence[RunTick],
     faults: Sequence[Callable[[RunTick], RunTick]] = (),
 ) -> list[RunTick]:
-    """Ticks of a hand along positions (N, 2) [m], with faults of all kinds among them.
+    """Ticks of a hand along positions (N, 2) [m], with all kinds of faults among them.
 
-    Velocities are given in the first half, then estimated.
+    In the first half of the run velocities are inputs, then they are estimated.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`MirrorTracker` of `system = "mirror"`, tick by tick; a plan needs no C."""
+"""Export of `MirrorTracker`, `system = "mirror"`, without `plan`."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ Array = NDArray[np.float64]
 
 NAME = "mirror_tracker"
 MEMORY = 96_000
-"""[bytes] Default size of its struct."""
+"""[bytes] Default size of the C struct."""
 LEAST = 16
-"""Least size of the buffer of reference samples."""
+"""Least number of samples in the buffer of reference samples."""
 CALL = (
     f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist,{{moving}} "
     "tick->with_force ? tick->force : NULL, tick->enable, tick->stamp, out);"
@@ -67,7 +67,7 @@ FORCED = {
     "pose": "the mirrored pose of the tool now", "force_argument": "const double *force,",
     "scale": "; scale: the time scaling, at most 1", "null_input": "An input other than force",
 }  # fmt: skip
-"""Arguments and texts of its step that a `PoseTracker` lacks."""
+"""Arguments and texts of the C step that a `PoseTracker` lacks."""
 DIFFERENCES = (
     NO_BACKUP,
     "`plan`, which knows the whole recording, is not there. A controller that may wait for a file may run in Python.",
@@ -98,7 +98,7 @@ class ExportedMirror(ExportedVelocity):
     Parameters
     ----------
     tracker : the controller in Python.
-    waiting : size of the buffer of reference samples.
+    waiting : number of samples in the buffer of reference samples.
     """
 
     tracker: MirrorTracker
@@ -124,7 +124,7 @@ class ExportedMirror(ExportedVelocity):
         return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
 
     def shape(self) -> dict[str, str]:
-        """Template values: those of the controllers, and the constants of clock, pace and forces."""
+        """Template values of the controllers, and the constants of clock, pace and forces."""
         shape = super().shape()
         numbers = int(shape["numbers"]) + SAMPLE.size * (self.waiting + _besides(self.tracker)) + 120
         return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
@@ -133,7 +133,7 @@ class ExportedMirror(ExportedVelocity):
 def exported_mirror_problem(
     config: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
 ) -> ExportedMirror:
-    """The tracker of a problem file, with its run along the recording.
+    """The tracker of a problem file, with a recorded run along the file's recording.
 
     Raises
     ------
@@ -164,12 +164,12 @@ def exported_mirror(
 
     Parameters
     ----------
-    tracker : it is reset.
-    start : (n,) [rad, m] starting position of its robot, at rest.
-    poses, twists : (N, 4, 4), (N, 6) reference of each tick; the part that fits into a recorded run is used.
+    tracker : the controller; the export resets it.
+    start : (n,) [rad, m] joint positions at the start; the robot is at rest.
+    poses, twists : (N, 4, 4), (N, 6) reference of each tick; as many ticks as fit into a recorded run are used.
     bodies : (N, k, 14) moving capsules from `moving_numbers`, for a tracker with such bodies.
     title, source : short description of the tracker, and of the origin of the poses.
-    memory : [bytes] largest size of its struct; the rest of it is the buffer of reference samples.
+    memory : [bytes] largest size of the C struct; the buffer of reference samples fills the part that is left.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def exported_mirror(
         fallback_chains += [limit._tracker._solvers, limit._settler._solvers]
         values |= _person(limit)
         more += PERSON_MEMBERS.format(limit.chain.n)
-        solves *= max(2, mirror_following.SETTLING_TICKS)  # the model's beside the robot's, or its alone
+        solves *= max(2, mirror_following.SETTLING_TICKS)  # model and robot in a tick, or many of the model alone
     exported = ExportedMirror(
         name=NAME,
         title=f"{title}: joint velocities that lead a hand along a mirrored path",
@@ -227,7 +227,7 @@ def exported_mirror(
     )
 
 
-# ------------------------------------------------------------------------------------------------ what C is told
+# ------------------------------------------------------------------------------------------------ template values
 RECORDS = {
     "sample": SAMPLE, "pace": PACE, "tried": TRIED, "aimed": AIMED, "said": SAID, "noticed": NOTICED,
     "clock": CLOCK, "verdict": VERDICT, "counted": COUNTED, "remembered": REMEMBERED,
@@ -250,7 +250,7 @@ PERSON_MEMBERS = (
 
 
 def _besides(tracker: MirrorTracker) -> int:
-    """Samples of the buffer besides the waiting ones: two of a bridge, and two windows."""
+    """Number of samples in the buffer besides the waiting ones: two of a bridge, and two windows."""
     return 2 + 2 * tracker.pace.window
 
 
@@ -277,19 +277,17 @@ def _constants(tracker: MirrorTracker) -> dict[str, str]:
 
 
 PUSH = 12.0
-"""[N] Largest force of a push that displaces the hand in the recorded run; one push exceeds the force that stops the
-arm."""
+"""[N] Largest force of most pushes in the recorded run; one further push exceeds the force that stops the arm."""
 
 
 def mirror_run(
     tracker: MirrorTracker, start: Array, poses: Array, twists: Array, bodies: Array | None, *, source: str,
     progress: Progress,
 ) -> Run:  # fmt: skip
-    """The tracker's run along poses (N, 4, 4) and twists (N, 6) from q = start, as many as fit into a recorded run.
+    """The recorded run along poses (N, 4, 4) and twists (N, 6) from the posture `start`, with faults and forces.
 
-    It includes faults and forces, and the robot moves as commanded.
-
-    `bodies` (N, k, 14) are moving capsules, or None. `source` describes the origin of the poses.
+    The robot moves as commanded. `bodies` (N, k, 14) are moving capsules, or None. `source` describes the origin of the
+    poses.
     """
     count = min(len(poses), MAX_TICKS)
     pushed, strong = range(count // 2, 5 * count // 8), 1.1 * tracker._interaction.stop_at
@@ -323,7 +321,7 @@ def _answer(tracker: MirrorTracker, tick: RunTick) -> Command:
 
 
 def _force(k: int, pushed: range, strong: float) -> Array:
-    """(3,) [N] a push that grows and fades, with the force `strong` for five ticks."""
+    """(3,) [N] force of a push that grows and fades, with the force `strong` for five ticks."""
     if k not in pushed:
         return np.zeros(3)
     fraction = (k - pushed.start) / len(pushed)

@@ -1,4 +1,4 @@
-"""Export of `PathAssistance`: the path, the spring that keeps the hand on it, and the progress."""
+"""Export of `PathAssistance`: the path, the spring that keeps the hand on the path, and the progress."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ DIFFERENCES = (
 
 
 def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
-    """The tracker of a problem file with the run of its session.
+    """The tracker of a problem file; the recorded run is that of the problem.
 
     Raises
     ------
@@ -86,13 +86,14 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
 
 
 def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str, of: str) -> ExportedController:
-    """Export any tracker, also with a user's own limits.
+    """Export a tracker, also one with your own limits.
 
     Parameters
     ----------
-    tracker : it is reset, and repeats the run without a backup solver, because C has none.
-    run : ticks of a valid run, each q (n,), pose (4, 4), twist (6,), and for a tracker with moving capsules `obstacles`
-        (k, 14) from `moving_numbers`. C repeats it with faults added. The joints move as commanded from the first q.
+    tracker : the controller; the export resets it. It repeats the run without a backup solver, because C has none.
+    run : ticks of a valid run, each with q (n,), pose (4, 4) and twist (6,); for a tracker with moving capsules also
+        `obstacles` (k, 14) from `moving_numbers`. C repeats the run with faults added. The joints move as commanded
+        from the first q.
     title : short description. of : origin of the run in words.
 
     Raises
@@ -125,7 +126,7 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
         pieces=TRACKER,
         recording=recording,
         differences=DIFFERENCES,
-        solves=2 * (PASSES + 1),  # of the wanted motion and of the QP, and all again from a cold start
+        solves=2 * (PASSES + 1),  # of the unconstrained motion and of the QP; all of them again from a cold start
     )
 
 
@@ -135,7 +136,7 @@ def moving_argument(limits: PostureLimits, owner: str = "") -> str:
 
 
 def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
-    """Template values for moving capsules; `where` is their place among the parameters, in C."""
+    """Template values for moving capsules; `where` is the C expression of their place among the parameters."""
     told = limits.moving_size
     return {
         "moving_argument": " const double *obstacles," if told else "",
@@ -145,7 +146,7 @@ def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
 
 
 def _faults(tracker: PoseTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """Functions that put further faults and unusual inputs into a tick of a tracker."""
+    """Functions that put further faults, and unusual but valid inputs, into a tick."""
     chain = tracker.chain
     return (
         lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform

@@ -1,4 +1,4 @@
-"""Export of `RedundancyResolver`, `system = "ardis"`, one for each drive with a stick."""
+"""Export of `RedundancyResolver`, `system = "ardis"`: one controller for each drive with a stick."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class ExportedResolver(ExportedVelocity):
     """Controller of chair and arm for export."""
 
     def functions(self) -> list[ca.Function]:
-        """Functions of its controllers, and the conversion of an obstacle to numbers."""
+        """Functions of the QP controllers, and the conversion of an obstacle to numbers."""
         return [*super().functions(), renamed(obstacle_function(), "obstacle")]
 
 
@@ -71,14 +71,14 @@ class Listening:
         self.ticks: list[RunTick] = []
 
     def step(self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, **given: Any) -> Command:
-        """Its command."""
+        """The resolver's command; the inputs are recorded."""
         told = {"q": q.copy(), "twist": np.array(twist), "rows": self._resolver.row_sets.index(rows)}
         self.ticks.append({**told, "frame": int(FRAMES[frame])})
         return self._resolver.step(q, twist, rows, frame, **given)
 
 
 def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
-    """The controllers of a problem file with the runs of its session.
+    """The controllers of a problem file; the recorded runs are those of the problem.
 
     Raises
     ------
@@ -91,14 +91,14 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
 def exported_resolver(
     resolver: RedundancyResolver, run: Sequence[RunTick], *, title: str, of: str
 ) -> ExportedController:
-    """Export any resolver with its sets of rows.
+    """Export a resolver with its sets of rows.
 
     Parameters
     ----------
-    resolver : it is reset, and repeats the run without a backup solver, because C has none.
-    run : ticks of a valid run, each q (n,), twist (k,) with k the size of the largest set of rows, and `rows` and
+    resolver : the controller; the export resets it. It repeats the run without a backup solver, because C has none.
+    run : ticks of a valid run, each with q (n,), twist (k,) with k the size of the largest set of rows, and `rows` and
         `frame` as indices of `row_sets` and `FRAMES`; for a resolver with moving capsules also `obstacles` (k, 14). C
-        repeats it with faults added. Joints that move as commanded need only their first q.
+        repeats the run with faults added. For joints that move as commanded, only the first q is used.
     title : short description. of : origin of the run in words.
 
     Raises
@@ -119,14 +119,14 @@ def exported_resolver(
         usage=_usage(name, rows[0], moving_argument(resolver.limits)),
         recording=_recording(resolver, run, of),
         differences=DIFFERENCES,
-        solves=2 * 2,  # by the dual active set and by qrqp, and both again from a cold start
+        solves=2 * 2,  # by the dual active set and by qrqp; both again from a cold start
         values=_values(rows, active, max_obstacles, resolver),
         more_memory=f"double obstacles[{max(1, NUMBERS * max_obstacles)}]; /* four numbers each */",
     )
 
 
 def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
-    """Controller of one drive with the session's run, which another controller recorded."""
+    """Controller of one drive; the inputs of its run are recorded from another resolver in the problem's run."""
     scene = ArdisScene(config, None, drive)
     control, resolver = scene.control(), resolver_of(config, scene.robot, drive)
     listening = control.law = Listening(resolver_of(config, scene.robot, drive))

@@ -1,4 +1,4 @@
-"""Export of the controllers of `system = "scenario"`, with the hands of their first trial."""
+"""Export of the controllers of `system = "scenario"`, with recorded runs along the hand's motion in the first trial."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ class Overheard(Bilateral):
     """A pair that records each side's hand and received message of each tick."""
 
     def reset(self) -> None:
-        """Reset: no force or message is under way."""
+        """Reset both sides; no force or message stays under way."""
         super().reset()
         self.hands: list[tuple[ArrayLike, ArrayLike]] = []
         self.received: list[tuple[FromParticipant | None, FromHelper | None]] = []
 
     def step(self, helper: ArrayLike, participant: ArrayLike, *rest: Any, **options: Any) -> BilateralCommand:
-        """The pair's forces."""
+        """The pair's commands; hands and messages are recorded."""
         self.hands.append((helper, participant))
         self.received.append(self.under_way)
         return super().step(helper, participant, *rest, **options)
