@@ -156,7 +156,7 @@ class Postures:
 
 
 def _ways(here: Array, there: Array) -> Array:
-    """(N, 6) [m, rad] differences from poses (N, 4, 4) to others."""
+    """(N, 6) [m, rad] differences from the poses `here` (N, 4, 4) to the poses `there`."""
     turns = turns_between(here[:, :3, :3], there[:, :3, :3])
     return np.concatenate([there[:, :3, 3] - here[:, :3, 3], turns], axis=1)
 

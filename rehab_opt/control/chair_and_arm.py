@@ -204,7 +204,7 @@ class ChairAndArm(VelocityController):
             self._inputs[2][: numbers.size] = numbers
 
     def set_inputs(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
-        """Set the other inputs of a tick, `moving` from `moving_numbers`; raises `ConfigurationError`."""
+        """Set q, twist, frame and moving capsules of a tick; raises `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views

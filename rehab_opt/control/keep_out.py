@@ -161,7 +161,7 @@ def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
-    """Fraction, 0 to 1, of the segment from `begin` to `end` closest to the capsule's, and the vector there (3,)."""
+    """Fraction, 0 to 1, of the segment `begin` to `end` closest to the capsule's segment, and the vector there (3,)."""
     start, other = ca.DM(capsule.start), ca.DM(capsule.end) - ca.DM(capsule.start)
     along, gap = end - begin, begin - start
     a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # any fraction is right for a ball

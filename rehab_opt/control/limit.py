@@ -431,7 +431,7 @@ def kept_within(
     """(n,) `rest`, moved limit by limit towards the end of an interval that satisfies the limit, as far as needed.
 
     Motion that still violates a limit in this tick is removed along that limit's slope, within the `outer` ends. If
-    that is not enough, all joints are slowed alike; only then is the acceleration limit relaxed.
+    this removal is not enough, all joints are slowed alike; only then is the acceleration limit relaxed.
     """
     (lower, upper), (slopes, free, hard) = ends, now
     u = rest

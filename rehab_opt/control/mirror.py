@@ -57,8 +57,8 @@ _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that follows a mirrored path, away from singular postures.
 
-    The tick is that of `PoseTracker`, with a clock that reads the reference. Its limits, which also hold while braking,
-    include w(q) / w_max >= floor and the planes.
+    Each tick is one of a `PoseTracker`, with a clock that reads the reference. Its limits, which also hold while
+    braking, include w(q) / w_max >= floor and the planes.
 
     The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. At
     the largest deviation the clock waits, and then catches up. Samples that arrive during a fallback command are

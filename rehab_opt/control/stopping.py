@@ -127,8 +127,9 @@ def max_change(chain: SerialChain, dt: float) -> ca.DM:
 def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
-    A speed v is held for dt, then v - change, v - 2 change and so on, for k = floor(v/change) further ticks. The way is
-    dt ((k + 1) v - change k (k + 1)/2); this function inverts the relation. Without room the speed is zero.
+    A speed v is held for dt, then v - change, v - 2 change and so on, for k = floor(v/change) further ticks. The
+    stopping distance is dt ((k + 1) v - change k (k + 1)/2); this function inverts the relation. Without room the speed
+    is zero.
     """
     room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
