@@ -1,4 +1,4 @@
-"""A UR5 follows a pose that moves away, and slows down where its joints cannot keep up."""
+"""A UR5 follows a pose that moves away, and slows down if its joints are too slow."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A hand reaches along a path; the robot helps outside its comfortable workspace, within 30 N."""
+"""A hand reaches along a path; outside the person's comfortable workspace the robot helps with up to 30 N."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A limit of one's own: the elbow stays above a table, while the hand is led down to it."""
+"""A limit of your own: the elbow stays above a table while the target of the hand moves down."""
 
 import casadi as ca
 import numpy as np
@@ -9,7 +9,7 @@ DT, TABLE = 0.01, 0.3  # [s], [m]
 
 
 def above_table(chain, q):
-    """h(q) >= 0 [m]: the elbow's height above the table, as a CasADi expression."""
+    """Height h(q) [m] of the elbow above the table as a CasADi expression; the controller keeps it >= 0."""
     return chain.frames_expression(q)[2][2, 3] - TABLE
 
 

@@ -1,9 +1,9 @@
-"""Ranges of motion used in recorded reaches, as a problem file that compares where arms of such ranges reach.
+"""Print the ranges of motion used in recorded reaches as a problem file, which compares the workspaces of these ranges.
 
-    python examples/used_ranges.py FOLDER > used.toml     # of cp_dyskinetic_reach (Vanmechelen et al.)
+    python examples/used_ranges.py FOLDER > used.toml     # folder with cp_dyskinetic_reach (Vanmechelen et al.)
     rehab-opt run used.toml
 
-A reach shows the range used, not the range possible; the segment lengths are the same for everybody.
+A reach shows the range that a person uses, not the possible range. The segment lengths are the same for everybody.
 """
 
 import sys

@@ -1,10 +1,11 @@
 """Write the recordings beside this script: `python problems/mirror/motions.py`.
 
-Tasks of Xu, Guo, Zhang 2021 as a healthy right hand would do them, generated, since the paper's recordings are not
-published. Each is laid out for the mirrored left hand on a UR5 at the origin (x forward from the robot, y left, z up),
-then mirrored to the right hand and written as a tracker of virtual reality would: Unity axes, 90 Hz, quaternions x, y,
-z, w. Fruit and door pass near the elbow, wrist and shoulder singularities (the paper's first situation); wiping a table
-stays far from them (its second), and the patient turns meanwhile, as a helmet's track says.
+The recordings are generated, since those of Xu, Guo, Zhang 2021 are not published: a healthy right hand performs the
+paper's tasks. Each motion is designed for the mirrored left hand on a UR5 at the origin (x forward from the robot, y
+left, z up). It is then mirrored to the right hand and written in the format of a tracker of virtual reality: Unity
+axes, 90 Hz, quaternions x, y, z, w. Fruit and door pass near the elbow, wrist and shoulder singularities (the paper's
+first situation). Wiping a table stays far from them (its second situation); meanwhile the patient turns, as the track
+of a helmet shows.
 
 The patient sits 1.1 m in front of the robot and faces it. Frames:
 
@@ -12,8 +13,8 @@ The patient sits 1.1 m in front of the robot and faces it. Frames:
     mirror      plane y = SAGITTAL of the robot's frame, normal y
     VR          Unity axes; turned to x forward, y left, z up, its frame lies at VR_POSE in the robot's frame
 
-Between the poses below the hand moves in straight lines and even turns with minimum jerk, and rests for a moment at
-each; the door's handle goes round its hinge.
+Between the poses below, the hand moves in straight lines and even turns with minimum jerk. It rests for a moment at
+each pose. The door's handle moves round the hinge.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ REST = 0.4  # [s]
 
 START = np.array([3.2, -1.5, 1.9, -2.0, -1.4, 0.2])
 """(6,) [rad] joint angles of the robot where the motions begin."""
-# Postures that the hand comes to, each near a singularity: w / w_max is 0.2, 0.2 and 0.15.
+# Postures on the way, each near a singularity: w / w_max is 0.2, 0.2 and 0.15.
 FRUIT = np.array([3.4, -0.85, 0.20, -1.00, -1.4, 0.2])  # the arm stretched: elbow
 TWIST = np.array([3.3, -1.3, 1.6, -1.9, -0.24, 0.5])  # the hand turned aside: wrist
 BASKET = np.array([3.0, -2.25, 2.15, -1.9, -1.4, 0.2])  # close to the robot's axis: shoulder
 HANDLE = np.array([3.3, -0.80, 0.22, -1.0, -1.0, 0.2])  # far out: elbow; the pull turns the hand towards the wrist's
-HINGE = 0.42, math.radians(55.0)  # [m] from the handle, and how far the door is opened
+HINGE = 0.42, math.radians(55.0)  # [m] distance from the handle; [rad] angle by which the door is opened
 STROKES = [(0.0, 0.15), (0.05, -0.15), (0.1, 0.15), (0.15, -0.15), (0.2, 0.15)]  # [m] x, y from the start
 HELMET = np.array([[-1.0, 0, 0, 1.1], [0, -1.0, 0, SAGITTAL], [0, 0, 1.0, 0.55], [0, 0, 0, 1.0]])
 LOOKS_ASIDE = math.radians(12.0), 6.0  # to either side, and the period [s]
@@ -64,7 +65,7 @@ def line(a: Array, b: Array, speed: float) -> list[Array]:
 
 
 def between(a: Array, b: Array, turn: Array, fraction: float) -> Array:
-    """The pose a share of the way from a to b."""
+    """The pose at a fraction of the way from a to b."""
     pose = np.eye(4)
     pose[:3, :3] = turned(a[:3, :3], fraction * turn)
     pose[:3, 3] = a[:3, 3] + fraction * (b[:3, 3] - a[:3, 3])
@@ -81,7 +82,7 @@ def pick_fruit() -> list[Array]:
 
 
 def refrigerator_door() -> list[Array]:
-    """Poses of the left hand: to the handle, round the hinge and back, faster than a hand may be led, and home."""
+    """Poses of the left hand: to the handle, round the hinge and back (faster than the robot may move it), and home."""
     start, handle = (ur5().pose(q) for q in (START, HANDLE))
     radius, opening = HINGE
     hinge = handle[:3, 3] + [0.0, -radius, 0.0]
@@ -95,7 +96,7 @@ def refrigerator_door() -> list[Array]:
 
 
 def wipe_table() -> list[Array]:
-    """Poses of the left hand: strokes over a table, each a bit farther, the hand turned with them, and back."""
+    """Poses of the left hand: strokes over a table, each further away, with a turn of the hand, and back."""
     start = ur5().pose(START)
     ends = [start]
     for x, y in STROKES:
@@ -107,7 +108,7 @@ def wipe_table() -> list[Array]:
 
 
 def turning(samples: int) -> list[Array]:
-    """Motions of a patient who turns about the vertical through the helmet, to one side and the other."""
+    """Motions (4, 4) of a patient who turns about the vertical through the helmet, to one side and the other."""
     turn, period = LOOKS_ASIDE
     angles = turn * np.sin(2.0 * math.pi / (period * RATE) * np.arange(samples)) ** 3  # begins at rest
     return [around(np.eye(4), HELMET[:3, 3], angle) for angle in angles]

@@ -1,12 +1,13 @@
 """Write lead_1.csv to lead_5.csv: `python problems/upper_limb/demonstrations/lead.py`.
 
-A simulated therapist leads a passive hand from right to left along the bend of `scenario_2_assist`, five times, each
-time a little differently, until it has rested near the end for a moment. With p the point of the bend nearest to the
-hand, t the bend's direction there and s the way that is left, L of it at the start,
+A simulated therapist guides a passive hand from right to left along the path of `scenario_2_assist`, five times with
+small differences, until the hand has rested near the end for a moment. With the point p of the path nearest to the
+hand x, the path's direction t at p, and the remaining length s of the path (L at the start),
 
     F = K (p + sway - x) + P s / L t - D x',        m x'' = F - d x' - k (x - x_0) left of x_0 + pushes,
 
-k being that of joints near their limits. The robot's sensors see x and F with noise. All numbers are assumptions.
+where k is the stiffness of joints near their limits. The robot measures x and F with noise. All numbers are
+assumptions.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def lead_csv(number: int) -> str:
 
 
 def _along(left: float) -> tuple[float, float]:
-    """The point of the bend that lies `left` [m] along it."""
+    """The point at the length `left` [m] from the path's start."""
     for a, b in itertools.pairwise(CORNERS):
         length = math.dist(a, b)
         if left <= length:
