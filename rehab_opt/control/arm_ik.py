@@ -101,8 +101,6 @@ JUMP = 0.3
 
 
 class _Question(NamedTuple):
-    """Target (3,) [m], posture cost and start posture of one sample."""
-
     target: Array
     goal: Array
     """`target`, moved closer for the search if it is very far away."""
@@ -224,7 +222,7 @@ class ArmIK(OneThread):
     def _answer(
         self, target: Array, history: History, multipliers: Array | float = 0.0, *, continuing: bool = False
     ) -> tuple[IKSolution, Array | float]:
-        """Run the fallback chain; return the solution and the multipliers from which the next sample starts."""
+        """Run the fallback chain; also return multipliers for the next sample's start."""
         search = self._search
         quadratic = self.cost.quadratic(history)
         start = history.previous
@@ -250,7 +248,7 @@ class ArmIK(OneThread):
         return self._second_stage(search, query, near)
 
     def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
-        """Search for the nearest reachable position, to separate an unreachable target from a solver failure."""
+        """Search for the nearest reachable position: is the target unreachable, or did the solver fail?"""
         nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"

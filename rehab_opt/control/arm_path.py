@@ -1,9 +1,8 @@
 """Plan postures of a person's arm along a whole recorded path of hand poses.
 
 An arm that always moves to the nearest posture may end at a joint limit where another posture could continue. Many
-tracks of postures therefore follow the path from different starts, and dynamic programming finds the best sequence.
-Each reached knot gains 1; each change of posture costs `CHANGE` per radian. To change its posture, the arm moves
-straight through joint space while the recording waits.
+tracks of postures therefore follow the path from different starts, and dynamic programming finds the best sequence. To
+change its posture, the arm moves straight through joint space while the recording waits.
 """
 
 from __future__ import annotations
@@ -162,7 +161,6 @@ def _ways(here: Array, there: Array) -> Array:
 
 
 def _best_way(tracks: Array, missing: Array) -> NDArray[np.int_]:
-    """Index (K,) of the best of the tracks (K, M, m) at each knot."""
     gain = np.where(missing <= 1.0, 1.0, -0.01 * np.minimum(missing, 100.0) / 100.0)
     value, before = gain[0], np.zeros(missing.shape, dtype=int)
     for k in range(1, len(tracks)):

@@ -70,6 +70,5 @@ def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def _direction(vector: ca.SX) -> ca.SX:
-    """Unit vector; along x for a zero vector."""
     size = ca.norm_2(vector)
     return ca.if_else(size > TINY, vector / ca.fmax(size, TINY), ca.SX([1, 0]))

@@ -5,9 +5,8 @@ to g(x_h). The participant's force F returns to the helper as J(x_h)' F with the
 same on both sides.
 
 Each side has its own force bounds and energy tank. The sides exchange messages, which may be delayed or lost. Every
-message transfers a fraction of the sender's tank. In sum the forces deliver at most the tanks' initial energy plus the
-work of the hands. Messages are numbered; a duplicate, or a message older than the last one, is ignored. A message whose
-number leaps by more than 100 counts only once its successor arrives.
+message transfers a fraction of the sender's tank, so in sum the forces deliver at most the tanks' initial energy plus
+the work of the hands. A duplicate, or a message older than the last one, is ignored.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ class FromParticipant(NamedTuple):
 
 
 class _Messages:
-    """Received and sent messages of a side; `reset` keeps the serial numbers, so that no message counts twice."""
+    """Received and sent messages of a side; `reset` does not reset the serial numbers."""
 
     def __init__(self, force: BoundedForce, exchange: float) -> None:
         self._force = force
@@ -73,7 +73,6 @@ class _Messages:
         return told
 
     def say(self) -> list[float]:
-        """Message (`MESSAGE`) to send after a tick."""
         force = self._force
         given = force.model, force._watched, force._force, self.fraction, force._view, self.numbers
         force._watched[:] = self._say.of(*given)
@@ -231,7 +230,6 @@ class HelperSide(OneThread):
 
 
 def _floats(x: float, y: float) -> Array:
-    """Two numbers of a message; NaN if one is out of range."""
     return np.array((x, y) if -BEYOND < x < BEYOND and -BEYOND < y < BEYOND else NO_FORCE)
 
 

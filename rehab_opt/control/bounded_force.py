@@ -84,8 +84,8 @@ class BoundedForce(OneThread):
     ----------
     desired_force : function of x, y [m] and velocity [m/s] -> desired force [N], unbounded and possibly NaN.
     force_limit : [N] largest size of the force.
-    slew_limit : [N/s] largest change per nominal tick, as the length of a vector. It must be large enough for the force
-        to damp oscillations, see `rehab_opt.field.settling`.
+    slew_limit : [N/s] largest change per nominal tick, as the length of a vector. For the least value that damps
+        oscillations see `rehab_opt.field.settling`.
     growth_limit : [N/s] largest growth of the force above its recent maximum, which falls by force_limit / 2 per
         second.
     energy_budget : [J] net energy that may be delivered to the hand until `reset`; see `EnergyTank`.
@@ -95,8 +95,7 @@ class BoundedForce(OneThread):
     actuation_uncertainty : [s] by which delay and lag may each be larger. The energy count considers all forces of the
         last delay + 5 lag, or only the last command if delay, lag and uncertainty are zero.
     position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
-        learnt within 0.2 s, up to 1.2 mm. If the force depends on the velocity, pass a filtered velocity; with a noisy
-        one the energy count is wrong.
+        learnt within 0.2 s, up to 1.2 mm. A noisy velocity makes the energy count wrong: pass a filtered one.
     velocity_lag : [s] lag of the velocity that is estimated if none is passed; half a tick is added.
     trust_stillness : accept exactly repeated positions. By default they count as a possibly frozen sensor: energy is
         reserved meanwhile, and the force falls if none is left.
@@ -320,7 +319,6 @@ class BoundedForce(OneThread):
         return self._by_other_solvers()
 
     def _by_other_solvers(self) -> Command:
-        """Run the tick with the QP solved outside of it."""
         solvers, precompute, finish, solver = self._solvers, self._precompute, self._finish, ""
         solvers.verdict[:] = array("d", [_NAN] * len(solvers.verdict))
         precompute.evaluate()
@@ -353,7 +351,6 @@ def _view(numbers: Array) -> memoryview[float]:
 
 
 def _pair(argument: str, value: Any) -> tuple[float, float]:
-    """Two floats; infinite if a number is too large for a float."""
     if type(value) is np.ndarray and value.dtype is _FLOATS and value.shape == (2,):
         first, second = value.tolist()
         return first, second

@@ -152,7 +152,7 @@ class ChairAndArm(VelocityController):
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
-        """The analytic answer (n,), blended with a tick of braking as far as it violates a bound or `ends`."""
+        """Analytic answer (n,), blended with braking as far as it violates a bound or `ends`."""
         u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
         finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
         analytic = ca.if_else(finite, task.analytic, 0)

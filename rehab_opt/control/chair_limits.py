@@ -180,7 +180,7 @@ class ChairLimits:
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _touched(self, tick: Stages, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
-        """Remaining distances to bodies on the way of u, and their slopes; `FAR` if all bodies are far."""
+        """Remaining distances to bodies on the way of u, and slopes; `FAR` if all are far."""
         max_contacts = 0 if self.own.clearance is None else self.own.clearance.max_contacts
         none = ca.horzcat(FAR * ca.SX.ones(max_contacts), ca.SX.zeros(max_contacts, q.numel()))
         if not max_contacts:
@@ -214,7 +214,7 @@ class ChairLimits:
 
     @cached_property
     def _first_kept(self) -> ca.Function:
-        """CasADi function of q, surroundings, u (n,) and braking; see `first_kept` of `control.limit`."""
+        """Function: q, surroundings, u (n,), braking -> see `control.limit`."""
         own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
         sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
         q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]

@@ -41,7 +41,7 @@ class ChairObstacles:
     `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes; a negative one makes the chair
     brake harder. A wall has rows for its two nearest corners: one at the current posture, one on the way to the stop
     posture. A post has a row at the outline's nearest point now, and rows for its path past the braking chair, half-way
-    and at the end. The rows of the path use a separating line beside the chair.
+    and at the end.
 
     Parameters
     ----------
@@ -148,7 +148,6 @@ class ChairObstacles:
         return turn * (lever * turn + 2 * drive) * self.dt**2 / 2
 
     def _apart(self, each: ObstacleRows, last: ca.SX) -> ca.SX:
-        """1 if no turn within a tick moves the outline into the obstacle."""
         return ca.mmin(self._gaps(each)) > 2 * self._swept(each, last)
 
     def _towards(self, each: ObstacleRows, last: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
@@ -179,10 +178,8 @@ class ChairObstacles:
         return columns
 
     def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
-        """Normal (2,), fixed in the chassis, of the line with the largest gap between outline and a post's path.
-
-        The search of Gilbert, Johnson and Keerthi finds it. Braking leaves a part of the path, so the gap never
-        decreases.
+        """Normal (2,) of the line with the largest gap between outline and a post's path, by the search of Gilbert et
+        al.
         """
         centre, radius = each.post[:2], each.post[2]
         way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
@@ -227,7 +224,7 @@ def _each(obstacles: ca.SX) -> list[ca.SX]:
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """Gap [m] of a corner (2,) from a wall after a time on an arc, and mean closing speed per unit of velocity (3,)."""
+    """Gap [m] of a corner (2,) from a wall after a time on an arc, and closing speed per unit of velocity (3,)."""
     u = ca.SX.sym("u", CHAIR)
     mean = ca.dot(wall[:2], mean_velocity(corner, u, time))
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])

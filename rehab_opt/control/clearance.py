@@ -34,8 +34,8 @@ class Clearance:
     - Fixed bodies: no pair comes nearer than `margin`, and a pair that is already nearer gets no nearer, also while
       braking.
     - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no
-      such velocity keeps every pair clear, or the arm is not enabled, the body may come nearer by its own motion. The
-      arm's motion never adds to that, and `Relaxed.POSITION` reports it.
+      such velocity exists, or the arm is not enabled, the body may come nearer by its own motion; `Relaxed.POSITION`
+      reports it.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Clearance:
     pairs : pairs of link names that keep clear of each other; () for none. None selects all pairs that are not
         neighbours and do not overlap in half of all postures.
     max_contacts : number of contacts with rows in a tick. The arm stops before all other contacts, but does not slide
-        along them. The guarantees of a chair need at least the default.
+        along them.
     rate : [1/s] largest decay rate of the distance to the margin; by default that of a `Limit`.
     """
 

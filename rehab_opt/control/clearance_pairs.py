@@ -61,7 +61,6 @@ class Kind(NamedTuple):
 
 @cache
 def _kinds() -> tuple[Kind, Kind]:
-    """Two kinds of pairs: two capsules, from a column of 19 numbers; capsule and box, from a column of 22."""
     c, b, numbers = ca.SX.sym("column", 19), ca.SX.sym("column", 22), ca.SX.sym("approach", APPROACH)
     near = Approach(numbers[:6], numbers[6], numbers[7:])
     of_capsules = capsule_and_capsule((c[:3], c[3:6]), (c[6:9], c[9:12]), c[18], (c[12:15], c[15:18]), near)
@@ -175,7 +174,7 @@ class ClearancePairs:
 
     @cached_property
     def _looked_at(self) -> tuple[int, int]:
-        """Number of capsule pairs, and of capsule-box pairs, for which contacts are computed."""
+        """Number of pairs of each kind for which contacts are computed."""
         most = self.clearance.max_contacts
         return min(self._spans[0].shape[1], most), min(self._spans[1].shape[1], max(1, most // 2))
 
@@ -193,13 +192,11 @@ class ClearancePairs:
 
     @cached_property
     def _spans_of_balls(self) -> Array:
-        """`_spans` for the links' ends and planes."""
         frames = [min(self.chain.capsules[i].frame, self.chain.n) for i, _, _ in self._before_planes]
         return _pairs_of_numbers([(0, frame) for frame in frames])
 
     @cached_property
     def _before_planes(self) -> tuple[tuple[int, int, int], ...]:
-        """Link, end and plane for which some joint changes the end's height above the plane."""
         places, planes = _places(self.chain, 5), self.clearance.planes
         return tuple(
             (i, end, j)
@@ -210,7 +207,6 @@ class ClearancePairs:
         )
 
     def _thickest(self, link: int, end: int) -> bool:
-        """Whether this link is the thickest one at its end, or the first of equal ones."""
         number = self._ends_by_number["link", link][0][end]
         radii = {
             i: radius for (kind, i), (both, radius) in self._ends_by_number.items() if kind == "link" and number in both
@@ -251,7 +247,7 @@ class ClearancePairs:
 
     @cached_property
     def _ends_by_number(self) -> dict[tuple[str, int], tuple[tuple[int, int], float]]:
-        """Numbers of the ends of links and fixed capsules, equal for coincident ends, and their radii."""
+        """Numbers of the ends of links and fixed capsules, equal for coincident ends; radii."""
         places, found, ends = _places(self.chain, 5), {}, []
         bodies = [(("link", i), places[:, i], each.radius) for i, each in enumerate(self.chain.capsules)]
         for i, each in enumerate(self.clearance.capsules):
@@ -267,7 +263,6 @@ class ClearancePairs:
     # ---------------------------------------------------------------------------------------------- expressions
     @cached_property
     def _placed(self) -> ca.Function:
-        """Function: q, moving capsules, time -> columns of both kinds of pairs, plane contacts, heights, screws."""
         chain, given = self.chain, self.clearance
         q, told, time = ca.SX.sym("q", chain.n), ca.SX.sym("moving", self.moving_size), ca.SX.sym("time")
         frames, links, margin = chain.frames_expression(q), chain.capsules, given.margin
@@ -323,7 +318,6 @@ class ClearancePairs:
 
     @cached_property
     def _approaches(self) -> ca.Function:
-        """Function: screws, last velocity, plane contacts -> `Approach` (11, pairs) per kind, room of the contacts."""
         n, balls = self.chain.n, ca.SX.sym("balls", CONTACT, self._spans_of_balls.shape[1])
         screws, last = ca.SX.sym("screws", 6, n), ca.SX.sym("last", n)
         moves = [ca.SX.zeros(6)]
@@ -347,7 +341,6 @@ class ClearancePairs:
         return ca.Function("approaches", [screws, last, balls], [ca.densify(each) for each in outputs], {"cse": True})
 
     def _rows(self, k: int) -> ca.Function:
-        """Function: contacts (8, k), joints (2, k), screws, last velocity, time -> distances, their rates, slopes."""
         n = self.chain.n
         contacts, spans, screws = ca.SX.sym("contacts", CONTACT, k), ca.SX.sym("spans", 2, k), ca.SX.sym("screws", 6, n)
         last, time = ca.SX.sym("last", n), ca.SX.sym("time")
@@ -397,7 +390,7 @@ def _ends(chain: SerialChain, frames: list[ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
 
 
 def _places(chain: SerialChain, count: int) -> Array:
-    """(count, links, 2, 3) [m] ends of the links at random postures within the joint limits, at most a turn each."""
+    """(count, links, 2, 3) [m] ends of the links at random postures, at most a turn per joint."""
     q = ca.SX.sym("q", chain.n)
     ends = ca.vertcat(*(end for both in _ends(chain, chain.frames_expression(q)) for end in both))
     lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
@@ -407,7 +400,6 @@ def _places(chain: SerialChain, count: int) -> Array:
 
 
 def _mapped(function: ca.Function, cells: ca.MX) -> list[ca.MX]:
-    """Outputs of a function for every column, side by side; empty without columns."""
     return [function.map(cells.size2())(cells)] if cells.size2() else []
 
 

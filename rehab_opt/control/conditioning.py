@@ -60,8 +60,6 @@ _Tick = tuple[int, Array | None, Array]
 
 
 class _Stretches:
-    """Accept samples in stretches of at least `TOGETHER` consistent samples."""
-
     def __init__(self, rule: Conditioner) -> None:
         self.rule, self.dropped = rule, 0
         self.last: _Sample | None = None
@@ -71,7 +69,6 @@ class _Stretches:
 
     @property
     def newest(self) -> _Sample | None:
-        """Last sample, accepted or held, with which the next one must be consistent."""
         return self.held[-1] if self.held else self.last
 
     def take(self, sample: _Sample) -> list[_Sample]:
@@ -179,7 +176,6 @@ class Conditioner(OneThread):
         return self._given(out)
 
     def _opened(self, first: _Sample) -> list[_Tick]:
-        """Lost ticks before a stretch."""
         self.gaps += not math.isnan(self._origin)
         if not first.stamp - (self._origin + self._next * self.dt) <= LONGEST_GAP:
             self._origin, self._next = first.stamp, 0
@@ -190,7 +186,6 @@ class Conditioner(OneThread):
         return out
 
     def _up_to(self, sample: _Sample) -> list[_Tick]:
-        """Ticks up to a sample that continues a stretch."""
         out: list[_Tick] = []
         t0, a, _ = self._from
         while (at := self._origin + self._next * self.dt) <= sample.stamp:
@@ -291,7 +286,6 @@ def _usable(times: Array, samples: Array) -> NDArray[np.bool_]:
 
 
 def _first_tick(start: float, origin: float, dt: float) -> int:
-    """First tick not before `start`."""
     tick = math.ceil((start - origin) / dt - 1e-9)
     return tick + int(origin + tick * dt < start)
 

@@ -2,8 +2,7 @@
 
 The distance of two parallel segments is not smooth: a small tilt moves the nearest point from one end to the other. So
 each function returns several contacts: the nearest points, and the points at which two parallel bodies would touch
-first after a tilt. Each contact joins two material points, so its distance is smooth. QP rows on all contacts avoid the
-chatter of a row on the nearest contact alone.
+first after a tilt. QP rows on all contacts avoid the chatter of a row on the nearest contact alone.
 
 A contact is a column of `CONTACT` numbers: distance [m]; unit normal (3,), from the other body towards the first;
 moment p x normal (3,) [m] with the contact point p; velocity of the other body's point along the normal [m/s]. A

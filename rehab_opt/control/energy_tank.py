@@ -53,24 +53,19 @@ class EnergyTank:
     budget, if every step was measured.
 
     A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a step dx costs the
-    largest F.dx over the forces of the window, plus a tail for the fraction exp(-TAIL) that lags longer. `ceiling` is
-    the largest force F that leaves enough energy for a release within the slew limit after a tick of length `late`.
-    With the forces F_j under way it satisfies
+    largest F.dx over the forces of the window, plus a tail. `ceiling` is the largest force F that leaves enough energy
+    for a release within the slew limit after a tick of length `late`. With the forces F_j under way it satisfies
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    A hand below the speed cap therefore never draws more than the budget, if it moves straight between samples. Numbers
-    are expressions, and each method returns the next tank. Order in a tick: `elapsed` with the last command, then
-    `seen` or `jumped`, or neither.
+    So a hand below the speed cap never draws more than the budget. Each method returns the next tank. Order in a tick:
+    `elapsed` with the last command, then `seen` or `jumped`, or neither.
 
     Parameters
     ----------
-    numbers : of `tank_record(slots)`.
-    slots : 1 if forces act at once (window zero), else `SLOTS`.
-    budget : [J] net energy that may be delivered until `reset`.
-    slew : [N/s] guaranteed release rate of the force.
-    speed_cap : [m/s] hand speed up to which the budget holds.
-    late : [s] longest tick that the reserve covers.
+    numbers : of `tank_record(slots)`. slots : 1 if forces act at once (window zero), else `SLOTS`.
+    budget : [J] net energy that may be delivered until `reset`. slew : [N/s] guaranteed release rate of the force.
+    speed_cap : [m/s] hand speed up to which the budget holds. late : [s] longest tick that the reserve covers.
     window : [s] see above. tail : weight of the change of older forces, `LAGS`. dt : [s] of a tick.
     """
 
@@ -111,7 +106,6 @@ class EnergyTank:
         return ca.if_else(now.unseen > 0, now.coming, (under_way + lags) * self._speed)
 
     def _ages(self) -> ca.SX:
-        """Time [s] since each slot ended, (slots,)."""
         seconds = [ca.SX(0), *ca.vertsplit(self.numbers.seconds)[:-1]]
         return ca.vertcat(*itertools.accumulate(seconds))
 
@@ -121,9 +115,7 @@ class EnergyTank:
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """Add a force (2,), commanded for `seconds`, at most `at_most`, to the newest slot, or to a new one if it is
-        full.
-        """
+        """Add a force (2,), commanded for `seconds`, at most `at_most`, to the newest slot, or to a new slot."""
         now, x, y = self.numbers, force[0], force[1]
         impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
         fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so that all slots exceed the window

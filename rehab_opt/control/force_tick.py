@@ -105,7 +105,6 @@ def force_tick(slots: int) -> ForceTick:
 
 
 def _judge(slots: int) -> ca.Function:
-    """Function that checks a sample of the hand and computes the largest allowed force."""
     model, watched, sample = MODEL.symbols("model"), watched_record(slots).symbols("watched"), SAMPLE.symbols("sample")
     force = ca.SX.sym("force", 2)
     stamped, limits = STAMPS.parts(watched.stamps), {"dt": model.dt, "max_age": model.max_age}
@@ -138,7 +137,6 @@ def _judge(slots: int) -> ca.Function:
 
 
 def _precompute() -> ca.Function:
-    """Function of the QP's parameters: the desired force, limited by energy and growth, and the bounds."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
     desired = wanted.force
     size, ceiling = ca.norm_2(desired), ca.fmin(view.ceiling, view.grown)
@@ -151,7 +149,6 @@ def _precompute() -> ca.Function:
 
 
 def _finish() -> ca.Function:
-    """Function of the command: a certified force, or a release within the slew limit or at once."""
     model, view, wanted = MODEL.symbols("model"), VIEW.symbols("view"), DESIRED.symbols("desired")
     desired, lets_go = wanted.force, wanted.lets_go != 0
     last, answer, size = ca.SX.sym("last", 2), ca.SX.sym("answer", 4), ca.norm_2(desired)
@@ -225,10 +222,7 @@ def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
 
 @cache
 def anew(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, last and new force (4,) -> `watched_record` without a position.
-
-    The tank loses the energy that a hand could have drawn since the last position.
-    """
+    """Function: `MODEL`, `watched_record`, last and new force (4,) -> `watched_record` without a position."""
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     forces = ca.SX.sym("forces", 4)
     tank = _tank(watched.tank, model, slots).left_alone(forces[:2], model.dt, forces[2:])

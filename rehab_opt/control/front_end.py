@@ -48,10 +48,9 @@ the measured positions are impossible.
 def led_memory(n: int) -> Record:
     """Memory of a `FrontEnd` with n joints.
 
-    The memory holds the commanded positions, and their range in the current and in the previous period of `LATE`. Then
-    come the last measured positions, commanded and measured travel since the last check, duration of blocking [s], and
-    age of the current period [s]. The last numbers are the number of valid samples, at most 2, and whether the base has
-    moved.
+    The memory holds the commanded positions and their range in the current and in the previous period of `LATE`; the
+    last measured positions; commanded and measured travel since the last check; duration of blocking [s]; age of the
+    period [s]; number of valid samples, at most 2; whether the base has moved.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}
     return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, known=1, placed=1)
@@ -142,13 +141,11 @@ class FrontEnd:
 
 
 def _countable(chain: SerialChain) -> ca.DM:
-    """Largest credible positions (n,) [rad or m]."""
     rotary, limited = [not row.prismatic for row in chain.rows], np.isfinite(chain.upper) & np.isfinite(chain.lower)
     return ca.DM(np.where(rotary & limited, COUNTED, MAX_MAGNITUDE))
 
 
 def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
-    """Recent range of the commanded position after a tick."""
     ended = memory.span + dt > LATE - dt / 2
     kept = {"span": ca.if_else(ended, 0, memory.span + dt)}
     for far, inner, before, clip in (
@@ -164,7 +161,6 @@ def _led_lately(memory: Values, command: ca.SX, dt: float) -> dict[str, ca.SX]:
 
 
 def _largest(numbers: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Largest of `numbers` (n,), and its first index."""
     most, place = numbers[0], ca.SX(0)
     for i in range(1, numbers.numel()):
         place, most = ca.if_else(numbers[i] > most, i, place), ca.fmax(most, numbers[i])

@@ -72,7 +72,7 @@ def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Funct
     The modes stretch, assist and resist give zero force inside the comfortable workspace; outside it the field grows to
     full size over the onset. The modes follow and hold apply the field inside; outside, a bounded force pulls the hand
     back to the nearest comfortable point. A NaN offset of the field gives NaN. The field's pull is limited to
-    `pull_limit` [N] before the damping is subtracted, so that damping acts far from the target, too.
+    `pull_limit` [N] before the damping is subtracted.
 
     Inputs: position [m] and velocity [m/s] of the hand (4,), offset of the field (2,) [m], `GATE`, `edge_columns` of
     the workspace, `FIELD`, its samples (`in_blocks`: for `field_function_in_blocks`). Output: desired force (2,) [N].

@@ -75,7 +75,6 @@ class HandBounds:
         ]
 
     def _centres(self, frames: list[ca.SX]) -> list[ca.SX]:
-        """Centre (3,) [m] of each guarded point."""
         return [frames[i][:3, :3] @ ca.sparsify(ca.DM(offset)) + frames[i][:3, 3] for i, offset, _ in self.guarded]
 
 
@@ -86,7 +85,6 @@ class _Floor(Limit):
     max_manipulability: float = 1.0
 
     def slopes(self, chain: SerialChain, q: ca.SX) -> ca.SX:
-        """(1, n) slope."""
         return chain.manipulability_gradient_expression(q).T / self.max_manipulability
 
 

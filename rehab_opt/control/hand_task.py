@@ -206,7 +206,7 @@ class HandTask:
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
-        """Orthonormal rows (k - 1, k) orthogonal to `direction` (k,), by a Householder reflection."""
+        """Orthonormal rows (k - 1, k) orthogonal to `direction` (k,): Householder reflection."""
         first = direction[0]
         mirror = direction + ca.vertcat(ca.if_else(first < 0, -1, 1), ca.SX.zeros(direction.numel() - 1))
         return (ca.SX.eye(direction.numel()) - mirror @ mirror.T / (1 + ca.fabs(first)))[1:, :]

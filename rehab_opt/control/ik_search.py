@@ -175,7 +175,7 @@ class IKSearch:
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property
     def _dexterity(self) -> float:
-        """Weight of the squared manipulability: the caller's weight over the mean square on the range of motion."""
+        """Weight of the squared manipulability, relative to its mean over the range of motion."""
         if not self._manipulability:
             return 0.0
         postures = self.table.postures

@@ -1,7 +1,7 @@
 """Response of a robot hand to a measured force: admittance, a slower reference, and a stop.
 
-The admittance is passive. Its step is implicit (backward Euler), and projections onto convex sets that contain the
-step's start bound speed and displacement. With E = (M x'^2 + K x^2) / 2, every tick satisfies
+The admittance is passive: its step is implicit, and projections onto convex sets bound speed and displacement. With E =
+(M x'^2 + K x^2) / 2, every tick satisfies
 
     F . dx >= E_after - E_before + B |x'|^2 dt
 
@@ -9,8 +9,7 @@ A real hand is delayed and limited by bounds. Therefore an energy tank T, with `
 the measured forces. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`, with the hand's motion dy relative to
 its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows, until the hand hardly responds
 to forces but still returns, which fills the tank. So a hand delivers at most reserve + 0.02 W t within a time t from
-rest, plus energy under way when the tank ran empty. This bound holds for any delay, if the hand is at its measured
-position.
+rest, plus energy under way when the tank ran empty.
 """
 
 from __future__ import annotations

@@ -6,11 +6,9 @@ ticks, finite differences satisfy
     |u| <= V,   |u - v| <= A dt,   |u - v - a dt| <= J dt^2,   lower <= q + u dt <= upper,
 
 with the bounds V, A and J of velocity, acceleration and jerk. The state after u can stop if a continuous-time stop
-exists from u with an initial acceleration b, |b - (u - v)/dt| <= J dt/2. The velocities of this stop at the ends of
-ticks satisfy all these bounds. Held velocities travel further than the shortest stop by a known distance, up to
-`MARGIN` J dt^3. The stopping distance is convex in u, so two successive chords bound it on the safe side.
-
-A position limit is relaxed only if no velocity can satisfy it any more; the other bounds never are.
+exists from u with an initial acceleration b, |b - (u - v)/dt| <= J dt/2. The stopping distance is convex in u, so two
+successive chords bound it on the safe side. A position limit is relaxed only if no velocity can satisfy it any more;
+the other bounds never are.
 """
 
 from __future__ import annotations
@@ -63,7 +61,6 @@ class JerkBounds(NamedTuple):
 
     @property
     def _change(self) -> ca.DM:
-        """(n,) largest change of velocity in a tick, over dt."""
         return max_change(self.chain, self.dt) / self.dt
 
     @property
@@ -134,7 +131,7 @@ class JerkBounds(NamedTuple):
         return ca.if_else(room >= 0, last + dt * change, ceiling)
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(n,) largest velocity that can stop before the limit; and whether every velocity of the interval can stop."""
+        """(n,) largest velocity that can stop before the limit; whether the whole interval can stop."""
         near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # a joint at rest within the margin may stay
 
         def beyond(u: ca.SX) -> ca.SX:

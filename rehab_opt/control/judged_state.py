@@ -25,10 +25,9 @@ this tick, so that nothing counts twice.
 def judged_memory(n: int, led: int) -> Record:
     """Memory of the checks of a state of n joints, with `led` numbers of a `FrontEnd`.
 
-    The memory holds stamps, a joint that does not follow (fault, joint, distance), the front end, and whether the last
-    stamp went back. For the current state the memory holds the number of the reason why the state is invalid (0 for
-    none) and the joint that does not follow (-1 for none). Then come details such as the joint's distance [rad or m],
-    whether the joints restart at rest, and the previous command (n,).
+    For all states: stamps, a joint that does not follow, the front end, and whether the last stamp went back. For the
+    current state: the number of the reason why it is invalid (0 for none), the joint that does not follow (-1 for
+    none), details, whether the joints restart at rest, and the previous command (n,).
     """
     return Record(
         stamps=STAMPS.size, lost=3, led=led, back=1, reason=1, element=1, details=2, rested=1,

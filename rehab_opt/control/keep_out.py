@@ -32,10 +32,9 @@ TOUCHING = 1e-9
 class ArmKeepOuts:
     """Every distance h of a link from a keep-out is zero or more at the end of a tick, or no less than now.
 
-    At the posture q, h falls by at most h / T per second, with the braking time T. Within the margin, h falls no faster
-    than braking allows while `CLEAR` is left, so that an arm can slide along a keep-out. At that fraction of the way to
-    rest (`ALONG`) where h is least, h stays above a margin that grows along the way. `no_deeper` checks the exact
-    posture.
+    At the posture q, h falls by at most h / T per second, with the braking time T. Within the margin an arm can slide
+    along a keep-out. At that fraction of the way to rest (`ALONG`) where h is least, h stays above a margin that grows
+    along the way. `no_deeper` checks the exact posture.
 
     Parameters
     ----------
@@ -86,10 +85,8 @@ class ArmKeepOuts:
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed, and upper bounds
-        [m/s].
-
-        The first c rows are at the current posture, the others at the least distance on the way to rest.
+        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed now and on the way;
+        bounds.
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time
@@ -134,7 +131,7 @@ class ArmKeepOuts:
 
 
 def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(c, k) derivative [m/rad] of the links' distances from the keep-outs by k joints, and distances (c,) [m]."""
+    """(c, k) derivative [m/rad] of distances between links and keep-outs by k joints; distances (c,) [m]."""
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR

@@ -328,7 +328,6 @@ class PostureLimits:
         return self._and_kept(ca.Function("all_clear", [q, told, velocity], [self._none_below(ends)]))
 
     def _and_kept(self, among_bodies: ca.Function) -> ca.Function:
-        """As `among_bodies`, and no `Limit` may fall further below zero."""
         inputs = self._tick_symbols()
         verdict = among_bodies(*inputs)
         if self.limits:
@@ -338,13 +337,11 @@ class PostureLimits:
         return ca.Function("judged", inputs, [verdict])
 
     def _tick_symbols(self) -> list[ca.MX]:
-        """q, moving capsules, velocity."""
         n = self.chain.n
         return [ca.MX.sym("q", n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("velocity", n)]
 
     @cached_property
     def _none_below(self) -> ca.Function:
-        """Function: distances -> 1 if all are zero or more."""
         assert self.clearance is not None
         then = ca.SX.sym("then", len(self.clearance.names))
         return ca.Function("clear", [then], [all_true(then >= 0)])
@@ -405,10 +402,7 @@ class PostureLimits:
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) and values (m,) of the least distances, and the largest errors of their tangents (m,).
-
-        The error is that of the last velocity in a tick, plus a margin for a change of velocity.
-        """
+        """Slopes (m, n) and values (m,) of the least distances, and their tangents' largest error in this tick (m,)."""
         seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
         least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
@@ -447,7 +441,7 @@ def kept_within(
 
 
 def _led_across(velocity: ca.SX, slopes: ca.SX, hard: ca.SX, outer: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """(n,) `velocity`, corrected along the slope of each limit that it violates in this tick, within `outer`."""
+    """(n,) `velocity`, corrected along the slope of each limit that it violates, within `outer`."""
     u = velocity
     for i in list(range(slopes.size1())) * PASSES:
         slope = slopes[i, :].T

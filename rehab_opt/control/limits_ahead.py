@@ -290,7 +290,6 @@ class Kept(Bound):
         return all_true(self.excess(tick, way) <= -self._margin(lever))
 
     def _margin(self, lever: ca.SX) -> ca.SX:
-        """Margin [rad] of the rows before a limit, in joint motion."""
         dt = self._manoeuvre.dt
         return CLEAR + (dt**2 + BEND * (lever - dt) ** 2) * ca.sumsqr(self._manoeuvre.change)
 
@@ -341,7 +340,6 @@ class Kept(Bound):
 
 
 def _with_parabolas(h: Sequence[ca.SX]) -> ca.SX:
-    """All h, and the minimum of each parabola through three of them."""
     lowest = []
     for a, b, c in zip(h, h[1:], h[2:], strict=False):
         fall, bow = ca.fmax(3 * a - 4 * b + c, 0), ca.fmax(a - 2 * b + c, 1e-12)

@@ -62,9 +62,9 @@ class MirrorTracker(MirrorPreview):
 
     The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. At
     the largest deviation the clock waits, and then catches up. Samples that arrive during a fallback command are
-    skipped; `lag` counts them. If a stretch is out of reach, the hand moves along it at the nearest reachable poses,
-    and deviations are counted from there (`short`). Jumps of the reference are bridged at half the hand speeds. Samples
-    of a live tracker must first pass a `Conditioner`, since a single outlier counts as a jump there and back.
+    skipped. If a stretch is out of reach, the hand moves along it at the nearest reachable poses, and deviations are
+    counted from there (`short`). Jumps of the reference are bridged at half the hand speeds; samples of a live tracker
+    must first pass a `Conditioner`.
 
     Parameters
     ----------
@@ -205,7 +205,6 @@ class MirrorTracker(MirrorPreview):
         return self._read()[FOLLOWED.places["reference"]].reshape(4, 4)
 
     def _read(self) -> Array:
-        """`FOLLOWED` without its counts."""
         accepted = np.hstack([each.reshape(-1) for each in self._accepted()]) if self._live else np.zeros(22)
         clock = self.clock
         return self._reading.of(clock.window.T, clock.now, self._live, accepted, self._memory).copy()

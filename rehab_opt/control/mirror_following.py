@@ -76,7 +76,6 @@ class MirrorFollowing(MirrorStatement):
         return memory
 
     def _followed(self, force: ArrayLike | None) -> Command:
-        """One tick with the clock, for the inputs that were set."""
         notice, clock = self._notice, self.clock
         *_, felt, measured, accepted, _ = notice.inputs
         felt[:], measured[:] = 0.0 if force is None else real_numbers("force", force, (3,)), force is not None
@@ -102,9 +101,8 @@ class MirrorFollowing(MirrorStatement):
         return self._tracked(here, hand)
 
     def _tracked(self, here: Array, hand: Array, *, previewed: bool = False) -> Command:
-        """One tick of following the clock, at a pace that deviation and braking allow; see `MirrorPace`.
-
-        With `previewed`, the clock does not catch up. `here` (4, 4) is the tool's pose, `hand` (6,) its twist.
+        """One tick along the clock for the tool's pose `here` (4, 4) and twist `hand` (6,); no catching up if
+        `previewed`.
         """
         clock, limit, memory = self.clock, self._limit, self._memory
         at, samples, entries = clock.now, clock.window.T, here.reshape(-1)
@@ -125,7 +123,6 @@ class MirrorFollowing(MirrorStatement):
         return self._delivered(solver, said) if solver else self._stopped(np.zeros(3))
 
     def _delivered(self, solver: str, said: Array) -> Command:
-        """Command from a solver's certified answer."""
         deliver, solvers, clock = self._deliver, self._solvers, self.clock
         _, _, _, *inputs, _ = deliver.inputs
         for array, values in zip(inputs, (said, clock.window[0], clock.thinned), strict=True):
@@ -158,7 +155,6 @@ class MirrorFollowing(MirrorStatement):
         counted[:] = 0.0
 
     def _accepted(self) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,) of the last tick that needed no clock."""
         good = np.frombuffer(self._good)[self.chain.n :].copy()
         return good[:16].reshape(4, 4), good[16:22]
 

@@ -147,7 +147,6 @@ class MirrorPace:
 
     # ---------------------------------------------------------------------------------------------------- its parts
     def _rated(self) -> ca.Function:
-        """Function: current sample, next sample, inputs of `tried` -> `PACE`, rate, goal (12,)."""
         a, b, clock, pace = (each.symbols("s") for each in (SAMPLE, SAMPLE, CLOCK, PACE))
         others, here, aim = ca.SX.sym("others", 3), ca.SX.sym("here", 16), ca.SX.sym("aim", 16)
         pose, twist = self.clock.between(a, b, ca.if_else(clock.ahead <= 0, 0, clock.fraction))
@@ -165,7 +164,6 @@ class MirrorPace:
     def _rate(  # noqa: PLR0917
         self, pace: Values, lag: ca.SX, still: ca.SX, others: ca.SX, here: ca.SX, goal: ca.SX, twist: ca.SX
     ) -> ca.SX:
-        """Seconds of the reference to follow per second."""
         yielding, hurried, most = ca.vertsplit(others)
         late = lag - self.dt
         # A part that the person's arm cannot reach does not slow the clock, or the clock would wait for ever.
@@ -184,7 +182,7 @@ class MirrorPace:
     def _waited(  # noqa: PLR0917
         self, pace: Values, current: ca.SX, yielding: ca.SX, hand: ca.SX, here: ca.SX, goal: ca.SX
     ) -> tuple[Values, ca.SX, ca.SX]:
-        """`PACE` after a tick; whether the clock waits; whether the hand counts as at its nearest pose from now on."""
+        """`PACE` after a tick; whether the clock waits; whether the hand now counts as at its nearest pose."""
         usual = ca.logic_or(ca.logic_and(pace.rate >= WHOLE, current), yielding < 1)
         waits = ca.logic_and(ca.logic_not(usual), pace.rate <= WAITED)
         # Waiting before the clock ran on does not count.
@@ -204,7 +202,6 @@ class MirrorPace:
 
 
 def _short(pace: Values) -> ca.SX:
-    """Whether the hand follows at a distance, since it stopped there."""
     return ca.logic_or(pace.apart > SHORT[0], pace.aside > SHORT[1])
 
 

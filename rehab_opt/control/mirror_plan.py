@@ -134,7 +134,6 @@ def plan(tracker: MirrorTracker, poses: ArrayLike, twists: ArrayLike, q: ArrayLi
 
 
 def _usable(tracker: MirrorTracker, poses: Array, twists: Array) -> NDArray[np.intp]:
-    """Indices of the samples that `step` would not refuse."""
     numbers = np.hstack([poses.reshape(-1, 16), twists])
     valid = np.flatnonzero(np.linalg.norm(numbers, axis=1) <= MAX_MAGNITUDE)
     if len(valid):

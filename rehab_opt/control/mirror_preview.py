@@ -37,8 +37,8 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 class MirrorPreview(MirrorFollowing):
     """Tick of a plan, which takes its reference from the preview of the recording.
 
-    In the usual case the clock follows the preview, and a tick is one fused function, certified as in
-    `MirrorTracker.step`. All other ticks are those of `MirrorFollowing`.
+    The usual tick is one fused function, certified as in `MirrorTracker.step`; all others are those of
+    `MirrorFollowing`.
     """
 
     def _begin(self) -> None:
@@ -100,7 +100,7 @@ class MirrorPreview(MirrorFollowing):
 
     # ---------------------------------------------------------------------------------------------------- layout
     def _lay_out(self) -> bool:
-        """Lay out the next ticks from the clock's position, if they can be taken in sequence."""
+        """Lay out the next ticks from the clock's position."""
         clock = self.clock
         plain = self._limit is None and not self._felt[FELT["active"]]
         if not plain or clock.bridging or self._solvers.solver != FUSED:

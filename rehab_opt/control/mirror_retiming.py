@@ -78,9 +78,8 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Ruckig's passage, and the tick of the plan for each of its ticks; None if no passage is faster than the plan.
-
-    `ways` (M,) and `slow` (M,) give the way through the points and the speed factor around each tick of the plan.
+    """Ruckig's passage with ways `ways` and speed factors `slow` (M,), and the plan's tick for each tick; None if
+    slower.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 

@@ -93,7 +93,6 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
 
 
 def _first_reason(of: MirrorStatement) -> ca.Function:
-    """Function: reason and joint of a state, `faulty`, reason of a force stop, force -> first three of `NOTICED`."""
     own, joint, found, stop, force = inputs = [ca.SX.sym("argument", size) for size in (1, 1, 3, 1, 3)]
     element = ca.SX(-1)
     for i in (2, 1, 0):
@@ -121,7 +120,6 @@ def _brake(of: MirrorStatement) -> ca.Function:
 
 
 def _braked(of: MirrorStatement) -> ca.Function:
-    """Function: `REPORT`, `REMEMBERED`, q, velocity (n,), part of `NOTICED` -> `REPORT`, `REMEMBERED` for braking."""
     told, past = REPORT.symbols("told"), REMEMBERED.symbols("memory")
     q, velocity, why = others = [ca.SX.sym("argument", size) for size in (of.chain.n, of.chain.n, 3)]
     unusable = why[0] == NUMBER["INPUT_INVALID"]
@@ -149,9 +147,6 @@ def _deliver(of: MirrorStatement) -> ca.Function:
 
 
 def _delivered(of: MirrorStatement) -> ca.Function:
-    """Function: `VERDICT`, `judged_memory`, `REMEMBERED`, `SAID`, sample, whether samples were skipped, velocity (n,),
-    `AIMED` -> `REPORT`, `REMEMBERED`, and the `AIMED` that remains for the next tick.
-    """
     verdict, own, past = VERDICT.symbols("verdict"), of.judged.symbols("own"), REMEMBERED.symbols("memory")
     said, sample, (fewer, velocity, aimed) = SAID.symbols("said"), SAMPLE.symbols("sample"), (
         ca.SX.sym("argument", size) for size in (1, of.chain.n, AIMED.size)

@@ -108,7 +108,6 @@ def obstacle_function() -> ca.Function:
 
 
 def _row(obstacle: object) -> Array | None:
-    """Numbers (4,) of one obstacle, or None if it is invalid."""
     if not isinstance(obstacle, Obstacle):
         return None
     try:
@@ -136,9 +135,8 @@ def approach(
     the world while it turns, or along the arc of constant wheel speeds.
 
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
-    normal at the point nearest to the disc's centre c. The signed distance of c from a rectangle with corners p is the
-    largest n . c - max(n . p) over all unit vectors n. The bound therefore does not jump when another edge becomes the
-    nearest.
+    normal at the point nearest to the disc's centre c. The bound does not jump when another edge becomes the nearest,
+    since the signed distance of c is the largest n . c - max(n . p) over all unit vectors n, with the corners p.
 
     A turn by w dt moves a corner p off its straight path by at most |p| (w dt)^2/2. An arc of the wheels adds drive |w|
     dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed towards the wall is

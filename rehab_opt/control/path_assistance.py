@@ -42,8 +42,7 @@ class PathAssistance(BoundedForce):
     `path_progress`. The largest s is the progress. The help ends at the path's end; `reset` restarts it.
 
     A hand that stands still under more than 0.1 of `force_limit` is released: the force fades within 0.3 s, and the
-    command is BLOCKED with a reason. At another point of the path, at most 20 widths along it, the force grows again in
-    0.3 s.
+    command is BLOCKED. At another point of the path, at most 20 widths away, the force grows again.
 
     Parameters
     ----------

@@ -5,13 +5,10 @@ on a wire:
 
     s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt
 
-With the force limit F, the arc length s stays constant while the hand is further than F/S and a width from p(s). Only
-the hand moves s, and s does not jump to another, nearer stretch of the path. The help ends at the path's end.
-
-A hand that stands still under more than 0.1 F for 0.3 s is released, since the person wants to be elsewhere. The spring
-holds the hand again at a path point 1 to 20 widths away along the path. The hand must be within a width of that point,
-and more than a width from where it was released. In the first tick after a gap without valid samples, a hand further
-than F/S and a width from p(s) is released at once.
+With the force limit F, the arc length s stays constant while the hand is further than F/S and a width from p(s). A hand
+that stands still under more than 0.1 F for 0.3 s is released. The spring holds the hand again within a width of a path
+point 1 to 20 widths away along the path. In the first tick after a gap without valid samples, a hand further than F/S
+and a width from p(s) is released at once.
 """
 
 from __future__ import annotations

@@ -113,10 +113,7 @@ def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTimi
 
 
 def _reached(speed: float, way: float, acceleration: float, jerk: float) -> float:
-    """Largest speed that can be reached within `way`, with zero acceleration at both ends.
-
-    A rise of the speed by x takes x / a + a / j seconds, or 2 (x / j)^(1/2) for x below a^2 / j.
-    """
+    """Largest speed that can be reached within `way`, with zero acceleration at both ends."""
     brief = acceleration / jerk
     if way >= (2.0 * speed + acceleration * brief) * brief:
         half = speed + acceleration * brief / 2.0

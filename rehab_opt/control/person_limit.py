@@ -51,7 +51,6 @@ class _Model(PoseTracker):
     watched = False
 
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
-        """Zero: the person's elbow does not move by itself."""
         return ca.SX.zeros(self.chain.n)
 
 

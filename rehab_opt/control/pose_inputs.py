@@ -41,7 +41,6 @@ class PoseInputs(VelocityController):
     def _take(
         self, q: ArrayLike, pose: ArrayLike, twist: ArrayLike, obstacles: Sequence[MovingCapsule] | Array | None
     ) -> None:
-        """Set the arguments of `step`; raises `ConfigurationError` for invalid ones."""
         usual = False
         # A masked array would lose its mask.
         if q.__class__ is _ndarray and twist.__class__ is _ndarray and pose.__class__ is _ndarray:

@@ -359,12 +359,12 @@ class PoseTracker(PoseInputs):
 
     @property
     def _settling(self) -> float:
-        """Rate [1/s] that removes 1 - exp(-gain dt) of the error in one tick: no overshoot at any dt."""
+        """Rate [1/s] that removes 1 - exp(-gain dt) of the error in a tick, without overshoot."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     @property
     def _rest_posture(self) -> ca.DM:
-        """(n,) posture for self-motion; infinite for joints without a middle of their range."""
+        """(n,) posture for self-motion; infinite for joints without a middle."""
         if self.posture is not None:
             return ca.DM(self.posture)
         lower, upper = self.chain.lower, self.chain.upper
@@ -416,7 +416,7 @@ class PoseTracker(PoseInputs):
         return tick.when(kept, u, lambda: tick.call(again, H, u, rows.slopes, rows.away, upper, *ends)[0])
 
     def _clear(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX) -> ca.SX:
-        """(n,) u, or a velocity that violates no limit of the posture in this tick; may exceed accelerations."""
+        """(n,) u, or a velocity that violates no limit in this tick; may exceed accelerations."""
         if self.kept is None:
             return u
         limits, q, moving = self.limits, now.state.q, now.state.moving

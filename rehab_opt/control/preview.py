@@ -48,7 +48,6 @@ class Preview:
         self._fastest = self._speeds(twists).tolist()
 
     def _speeds(self, twists: Array) -> Array:
-        """Ratio (N,) of the speeds to their limits."""
         linear, angular = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 
@@ -85,7 +84,6 @@ class Preview:
         return Layout(*self._read(places, np.array(taken)), taken, places)
 
     def _read(self, places: list[tuple[int, float]], paces: Array) -> tuple[Array, Array]:
-        """Poses (K, 4, 4) and twists (K, 6) at places."""
         at = np.array([each[0] for each in places], dtype=np.int64)
         fraction = np.array([each[1] for each in places])
         after = np.minimum(at + 1, len(self._poses) - 1)

@@ -24,10 +24,10 @@ ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a fractio
 class Profiles:
     """Current motion of the axes: state, current profile, and finite differences of the output.
 
-    The position bounds hold by induction. A profile is accepted only if all of it is inside and its axes can stop
-    inside from its end; otherwise the current profile continues. Each axis stops on its own, without Ruckig. If an axis
-    is about to reverse and its stop would leave the bounds, it continues along its profile until its stop is inside.
-    Only if `start` set an axis outside or too fast before its bound, the position bound is relaxed.
+    A profile is accepted only if all of it is inside and its axes can stop inside from its end; otherwise the current
+    profile continues. Each axis stops on its own, without Ruckig. If an axis is about to reverse and its stop would
+    leave the bounds, it continues along its profile until its stop is inside. Only if `start` set an axis outside or
+    too fast before its bound, the position bound is relaxed.
 
     Parameters
     ----------
@@ -202,7 +202,6 @@ class Profiles:
         return 0.0 if fine else self._excess(p)
 
     def _excess(self, p: list[float]) -> float:
-        """`_residual` without the shortcut for zero."""
         speeds, changes = (np.array(numbers) for numbers in self._candidates)
         differences = np.array([speeds, changes, (changes - self._changes) * self._rate])
         allowed = np.array(self._allowed)[:, :3].T
@@ -223,7 +222,7 @@ class Profiles:
         self._question.min_velocity = [-v - w for v, w in zip(limit, frame_speed, strict=True)]
 
     def _along(self, goal: list[float]) -> bool:
-        """Whether Ruckig finds a straight-line profile from rest; Ruckig tries only its own slowest axis."""
+        """Whether Ruckig finds a straight-line profile from rest."""
         question, ways = self._question, [abs(y - x) for x, y in zip(self.p, goal, strict=True)]
         names, bounds = ("max_velocity", "max_acceleration", "max_jerk"), self.bounds[2:]
         for name, bound in zip(names, bounds, strict=True):
@@ -285,7 +284,6 @@ class Profiles:
         return all(low <= x <= high for x, low, high in zip(self.p, self.bounds.lower, self.bounds.upper, strict=True))
 
     def _allow_rounding(self, positions: list[float]) -> None:
-        """Widen the tolerance of the differences to the rounding of positions of this size."""
         size = max(map(abs, positions))
         if size <= self._size:
             return

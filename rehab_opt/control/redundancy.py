@@ -48,16 +48,15 @@ FASTER = 1e-9
 class RedundancyResolver(OneThread):
     """Chair and arm velocities for a hand twist: Honzik's Eq. 1 as a QP with bounds; stated in `ChairAndArm`.
 
-    With no bound active the answer is Eq. 1, with the Jacobian at mid-tick. Bounds take precedence in this order:
-    joint, chassis and wheel speeds, and rolling; joint limits, obstacles and keep-outs; accelerations; the task, which
-    is slowed along its direction. The whole robot can brake together before every limit, keep-out and obstacle
-    (`BrakingTogether`). So accelerations are relaxed only if an obstacle or a velocity passed to `reset` came too late.
-    G11 to G14 of `docs/guarantees.md` state speed and direction of the hand. Between the ends of ticks, a link that
-    slides along a keep-out may enter it by up to 0.1 mm. The arm may stop up to 3.4 mm before a keep-out.
+    Bounds take precedence in this order: joint, chassis and wheel speeds, and rolling; joint limits, obstacles and
+    keep-outs; accelerations; the task, which is slowed along its direction. The whole robot can brake together before
+    every limit, keep-out and obstacle (`BrakingTogether`). So accelerations are relaxed only if an obstacle or a
+    velocity passed to `reset` came too late. G11 to G14 of `docs/guarantees.md` state speed and direction of the hand.
+    Within a tick, a link that slides along a keep-out may enter it by 0.1 mm.
 
-    If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly, as Eq. 1
-    moves the arm to a better posture. Collisions of the hand are not detected. A new resolver is at rest unless `reset`
-    sets a velocity. An object belongs to one thread, see `OneThread`.
+    If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly. Collisions of
+    the hand are not detected. A new resolver is at rest unless `reset` sets a velocity. An object belongs to one
+    thread, see `OneThread`.
 
     Parameters
     ----------
@@ -70,10 +69,10 @@ class RedundancyResolver(OneThread):
     max_obstacles : largest number of obstacles at any time; default the number of `obstacles`.
     keep_out : whether the arm must stay out of the robot's keep-outs.
     limits : further limits of the posture in the world frame: `Limit`s, and a `Clearance` of the arm, also against the
-        chair. Without a command the robot does not move away from bodies. Beyond such a limit, or beside an approaching
-        body, accelerations and other limits' rates are relaxed; the guarantees above do not hold there.
+        chair. Without a command the robot does not move away from bodies. Beside an approaching body, or beyond such a
+        limit, accelerations are relaxed.
     self_motion : weight of the posture cost's gradient in Eq. 1: v(r') = self_motion |r'|.
-    dt : nominal tick [s], at most 0.02; in longer ticks the Jacobian changes too much for the guarantees.
+    dt : nominal tick [s], at most 0.02.
     recovery_speed : largest speed of a joint's return into its limits, as a fraction of its speed limit.
     solver, backup : see `FallbackChain`. tolerance : largest accepted residual [m/s, rad/s].
     max_age : [s] see `Watchdog`. compile : see `BufferedFunction`.

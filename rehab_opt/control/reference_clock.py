@@ -331,7 +331,6 @@ class ReferenceClock:
         self._paces = paces
 
     def _append(self, samples: Array) -> None:
-        """Append samples (N, 20) after the newest."""
         self._enlarge(len(samples))
         end = self._end + len(samples)
         self._table[self._end : end] = samples

@@ -57,8 +57,7 @@ class Seats:
 
     From one pose of the path, damped Gauss-Newton steps lead to the next pose within the joint limits; a shortfall
     below the manipulability floor is a further error. If a pose is out of reach, the walk continues from the nearest
-    posture of the same branch. A joint with more than a full turn starts at the turn that keeps the whole walk within
-    its limits.
+    posture of the same branch.
     """
 
     def __init__(self, tracker: MirrorTracker) -> None:

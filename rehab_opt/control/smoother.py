@@ -227,7 +227,6 @@ class Smoother(OneThread):
         return ""
 
     def _has_grown_old(self) -> bool:
-        """Whether a moving target is too old to be extrapolated."""
         profiles = self._profiles
         return profiles.age > self._watchdog.max_age or (
             profiles.arrived and any(map(profiles.leads_out, range(self._n), profiles.p, profiles.v))
@@ -245,7 +244,6 @@ class Smoother(OneThread):
 
 
 def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -> str:
-    """Clip goal and speed to the bounds; return a note on changes."""
     note = ""
     for i, (low, high, fastest, _, _) in enumerate(zip(*profiles.bounds, strict=True)):
         if not low <= goal[i] <= high:
@@ -262,7 +260,7 @@ def _brought_within(profiles: Profiles, goal: list[float], speed: list[float]) -
 
 
 def _copied(value: ArrayLike | None) -> object:
-    """Copy of a target for comparison with the next one, since the caller may overwrite its arrays."""
+    """Copy of a target, since the caller may overwrite its arrays."""
     if value is None:
         return None
     if isinstance(value, (list, tuple)) and NUMBERS.issuperset(map(type, value)):
@@ -274,7 +272,6 @@ def _copied(value: ArrayLike | None) -> object:
 
 
 def _finite_numbers(value: ArrayLike, n: int) -> list[float] | None:
-    """`value` as n finite numbers, or None."""
     try:
         array = real_array(value)
     except (TypeError, ValueError, OverflowError):

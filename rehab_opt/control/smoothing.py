@@ -57,10 +57,10 @@ def smooth_path(
 ) -> SmoothPath:
     """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
 
-    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Shape-preserving
-    cubics interpolate the path, a spline rounds its corners within `tolerance`, and `ruckig_timing` times the progress,
-    at most at the recorded speed. `measured_path` first replaces held and rounded samples. Times that do not increase,
-    a wrong shape, and an invalid bound or number raise `ConfigurationError`.
+    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Cubics interpolate
+    the path, a spline rounds its corners within `tolerance`, and `ruckig_timing` times the progress, at most at the
+    recorded speed. Times that do not increase, a wrong shape, and an invalid bound or number raise
+    `ConfigurationError`.
 
     Parameters
     ----------
@@ -102,10 +102,7 @@ def smooth_path(
 
 
 def _rounded(path: Any, velocity: Array, acceleration: Array, jerk: Array, *, dt: float, tolerance: float) -> Any:
-    """Uniform cubic B-spline of the path's axes and time, within `tolerance` of the path and within its range.
-
-    The control points are on the path, denser in bends and fast parts; their spacing changes gradually.
-    """
+    """Uniform cubic B-spline of the path's axes and time, within `tolerance` of the path and within its range."""
     from scipy.interpolate import BSpline  # noqa: PLC0415  (loaded when used)
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415
 

@@ -166,8 +166,7 @@ class BrakingTogether:
         z = q + T u.
 
     Braking does not move z: after a tick q + dt u + T (1 - dt/T) u = z. A controller that satisfies its limits at z and
-    on the way from q to z can therefore always brake without violating them. Every joint stays within its acceleration,
-    since |u| dt/T <= v dt/T <= a dt. A change of u moves z by T times as much.
+    on the way from q to z can therefore always brake without violating them, within every joint's acceleration.
 
     moving : numbers, from 0, of the joints that can move; others do not affect T.
     """
@@ -206,5 +205,4 @@ def slowed_together(velocity: ca.SX, change: ca.DM) -> ca.SX:
 
 
 def _taken_away(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """Largest common fraction by which velocities shrink in a tick."""
     return 1 / ca.fmax(ticks_to_rest(velocity, change), 1)

@@ -19,11 +19,10 @@ _CLAIMING = threading.Lock()
 class OneThread:
     """Base of objects with state between ticks: every controller.
 
-    The thread of the first `step` becomes the owner; until then any thread may set up the object. While the owner
-    lives, `step`, `reset` or a change of a setting by another thread raises `SharingError`. `reset` by the owner
-    releases the object to the next thread that steps it; a thread that has ended owns nothing. Copies and pickles are
-    refused: make another object with the same arguments. Fields, maps, workspaces, chains and robots are immutable and
-    can be shared.
+    The thread of the first `step` becomes the owner. While the owner lives, `step`, `reset` or a change of a setting by
+    another thread raises `SharingError`. `reset` by the owner releases the object to the next thread that steps it.
+    Copies and pickles are refused: make another object with the same arguments. Fields, maps, workspaces, chains and
+    robots are immutable and can be shared.
 
     A method that ticks starts with `if self._owner != get_ident(): self._claim()`; a method that only changes a setting
     calls `_refuse_others`.
@@ -65,8 +64,6 @@ def setting() -> Any:
 
 
 class _Setting:
-    """Descriptor that stores its value in the object's own attributes."""
-
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 

@@ -1,7 +1,6 @@
 """Speed of the tool at constant joint velocities: p(t) = p(q + q' t) with the tool's position p.
 
-p' changes with the joints, so it may be larger at either end of a tick. A curve deviates from its chord by at most
-dt^2/8 times its largest second derivative. So within a tick
+A curve deviates from its chord by at most dt^2/8 times its largest second derivative. So within a tick
 
     |p'(t)| <= max(|p'(0)|, |p'(dt)|) + dt^2/8 * max |p'''|.
 

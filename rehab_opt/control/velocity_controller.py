@@ -300,7 +300,6 @@ class VelocityController(OneThread, ABC):
             raise ConfigurationError("velocity", velocity, "joint speeds within their limits")
 
     def _began(self, *given: ArrayLike) -> bool:
-        """Begin with a state if it is possible, see `beginning`; return whether it is."""
         self._refuse_others()
         state = self._begin_anew.of(*given)
         if not self._begin_anew.outputs[1][0]:
@@ -323,7 +322,6 @@ class VelocityController(OneThread, ABC):
 
     # ---------------------------------------------------------------------------------------------------- one tick
     def _set_enable(self, enable: object, stamp: float | None) -> None:
-        """Write enable input and stamp, with a shortcut for True and no stamp."""
         given = self._given
         given[0], given[1] = (stamp, NUMBER_OF_SECONDS) if type(stamp) is float else stamp_and_kind(stamp)
         given[2] = is_true(enable)
@@ -370,21 +368,19 @@ class VelocityController(OneThread, ABC):
         return command._replace(solver=solver, iterations=solvers.iterations)
 
     def _finished(self) -> Command:
-        """Result of `VelocityTick.finish` for the current answer and verdict."""
         self._finish.evaluate()
         after, told, _ = self._finish.outputs
         self._solvers.everything[:] = after
         return self._as_told(told.data)
 
     def _safe(self, reason: str) -> Command:
-        """Fallback command at a checked state, or without measurements; the caller may pass a reason."""
+        """Fallback command at a checked state, or without measurements."""
         judged, self._given[_JUDGED], self._own["reason"][:] = self._given[_JUDGED], 1.0, bool(reason)
         command = self._finished()
         self._given[_JUDGED], self._own["reason"][:] = judged, 0.0
         return command._replace(reason=reason) if reason else command
 
     def _as_told(self, told: memoryview[Any]) -> Command:
-        """Command that a `REPORT` describes."""
         _, residual, who, relaxed, scale, _, status, reason, where, element, *details, note = told.tolist()
         name, words = _SOLVERS[who], self._words(reason, where, element, details)
         if who == len(FUSED_SOLVERS):
@@ -395,11 +391,9 @@ class VelocityController(OneThread, ABC):
         return Command(value, NUMBERED[int(status)], name, residual, -1, words, _BOUNDS[relaxed], scale, wheels)
 
     def _noted(self, notes: int) -> str:
-        """Notes of a tick, see `Note`; may be empty."""
         return ""
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
-        """Text of a reason, see `REPORT`; may be empty."""
         if reason == NUMBER["NOT_FOLLOWED"]:
             return f"{self.chain.names[int(element)]} does not follow: {details[0]:.2g} rad or m off its command"
         if reason == NUMBER["INPUT_INVALID"]:
@@ -411,7 +405,7 @@ class VelocityController(OneThread, ABC):
         return reason_text(reason, details)
 
     def _write(self, values: tuple[ArrayLike, ...]) -> None:
-        """Copy a value that is not a float array, or raise an error about it; the certificate checks its numbers."""
+        """Copy a value that is not a float array, or raise an error about it."""
         for target, value, name in zip((self._q, *self._inputs), values, self._names, strict=True):
             target[...] = real_numbers(name, value, target.shape)
 

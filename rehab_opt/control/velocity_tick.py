@@ -1,8 +1,7 @@
 """One tick of a velocity QP as functions of (parameters, memory, given) -> (memory, command).
 
-The state is checked, and the QP is solved if the state is valid; a certified answer becomes the command. Without one,
-the caller tries another solver or a cold start, and `finish` gives the command. C code is generated from the same
-functions.
+If the state is valid, the QP is solved; a certified answer becomes the command. Without one, the caller tries another
+solver, and `finish` gives the command. C code is generated from the same functions.
 """
 
 from __future__ import annotations
@@ -127,13 +126,11 @@ def velocity_tick(
 
 
 def _either(condition: ca.MX, this: _Branch, that: _Branch, *given: ca.MX) -> list[ca.MX]:
-    """Result of one of two functions; only that one is evaluated."""
     first, second = _function("this", this, *given), _function("that", that, *given)
     return list(ca.Function.if_else("either", first, second)(condition, *given))
 
 
 def _function(name: str, of: _Branch, *like: ca.MX) -> ca.Function:
-    """Function `of` for columns with the lengths of `like`."""
     columns = [ca.MX.sym("column", each.numel()) for each in like]
     return ca.Function(name, columns, of(*columns))
 
@@ -174,7 +171,6 @@ def _certified(
 
 
 def _fallen_back(record: Record, n: int, size: int, hurried: ca.Function, faulty: ca.Function) -> ca.Function:
-    """Function for a tick without certified answer: inputs of `_certified`, parameters, fallback values -> `REPORT`."""
     column, last, verdict, p, said = inputs = _columns(record.size, n, size, faulty.numel_in(0), 5)
     own, (status, residual, solver, relaxed, scale) = record.parts(column), ca.vertsplit(said)
     refused, joint = own.reason != 0, own.reason == NUMBER["NOT_FOLLOWED"]
