@@ -66,7 +66,7 @@ class IKPath:
 
     @property
     def max_step(self) -> float:
-        """[rad] Largest joint change between two consecutive samples; large where the path jumps to another branch."""
+        """[rad] Largest joint change between two samples; large at a jump to another branch."""
         return float(self.steps.max(initial=0.0))
 
     @property
@@ -114,8 +114,8 @@ class ArmIK(OneThread):
         minimise posture cost(q)  s.t.  p(q) = position,  x_n(q) . z_0 >= cos(handle_tilt),  lower <= q <= upper
 
     Here p is the hand position, x_n the handle's axis and z_0 the vertical. If the position is unreachable, the result
-    is the posture whose hand is nearest to it. `solve` and `follow` accept any numbers; q is always finite and inside
-    its limits. A second thread that uses the object at the same time gets a `SharingError`.
+    is the posture whose hand is nearest to it. q is always finite and inside its limits. Simultaneous use by a second
+    thread raises a `SharingError`.
 
     Parameters
     ----------
@@ -181,8 +181,7 @@ class ArmIK(OneThread):
     def solve(self, position: ArrayLike, start: ArrayLike | None = None) -> IKSolution:
         """Find a posture for a hand position (3,) [m] in the base frame; a wrong shape raises `ConfigurationError`.
 
-        `start` (n,) [rad] starts a local search and is the previous posture for the costs of change. None tries several
-        starts.
+        `start` (n,) [rad] starts a local search and is the previous posture of the cost; None tries several starts.
         """
         target = _numbers("position", position, (3,))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
@@ -190,10 +189,9 @@ class ArmIK(OneThread):
             return self._answer(target, History(previous=q, origin=q))[0]
 
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
-        """Find postures along hand positions `path` (N, 3) [m] in the base frame; each search starts at the previous
-        posture.
+        """Find postures along hand positions `path` (N, 3) [m] in the base frame, each from the previous posture.
 
-        `start` (n,) [rad] is the posture before the first sample; None tries several starts for the first sample.
+        `start` (n,) [rad] is the posture before the first sample; None tries several starts.
         """
         targets = _numbers("path", path, (-1, 3))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))

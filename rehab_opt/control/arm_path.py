@@ -155,7 +155,7 @@ class Postures:
 
 
 def _ways(here: Array, there: Array) -> Array:
-    """(N, 6) [m, rad] differences from the poses `here` (N, 4, 4) to the poses `there`."""
+    """(N, 6) [m, rad] differences between poses `here` and `there` (N, 4, 4)."""
     turns = turns_between(here[:, :3, :3], there[:, :3, :3])
     return np.concatenate([there[:, :3, 3] - here[:, :3, 3], turns], axis=1)
 

@@ -73,7 +73,7 @@ class Assistance(BoundedForce):
         super().__init__(self._desired, force_limit=force_limit, **bounds)
 
     def set_field(self, field: PotentialField) -> None:
-        """Replace the field, for example for the next target; the slew limit makes the change smooth."""
+        """Replace the field; the slew limit makes the change smooth."""
         if not isinstance(field, PotentialField):
             raise ConfigurationError("field", field, "a PotentialField")
         self._refuse_others()
@@ -118,11 +118,9 @@ class Assistance(BoundedForce):
         return self._by[0], self._by[1]
 
     def shift(self, dx: float, dy: float) -> None:
-        """Set the field's offset (dx, dy) [m] from its original position, for a moving target; `set_field` resets the
-        offset.
+        """Set the field's offset (dx, dy) [m] from its original position, for a moving target; `set_field` resets it.
 
-        The force follows within its slew limit. A NaN offset releases the force; a wrong type raises
-        `ConfigurationError`.
+        A NaN offset releases the force; a wrong type raises `ConfigurationError`.
         """
         try:
             to_x, to_y = float(0.0 + dx), float(0.0 + dy)

@@ -73,7 +73,7 @@ class Piece(NamedTuple):
         return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
     def turns(self) -> list[float]:
-        """Times [s] within the piece at which the velocity is zero: roots of v + a t + j t^2 / 2."""
+        """Times [s] of zero velocity within the piece: roots of v + a t + j t^2 / 2."""
         _, _, v, a, j = self
         discriminant = a * a - 2.0 * j * v
         if not discriminant >= 0.0:
@@ -85,7 +85,7 @@ class Piece(NamedTuple):
 
 
 def position_range(pieces: Sequence[Piece]) -> tuple[float, float]:
-    """Smallest and largest position [u] of a motion; each is at an end of a piece or at a reversal."""
+    """Smallest and largest position [u] of a motion, at ends of pieces or at reversals."""
     positions = [piece.after(t)[0] for piece in pieces for t in (0.0, *piece.turns(), piece.seconds)]
     return min(positions), max(positions)
 
@@ -111,10 +111,7 @@ def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
 class AxisStop:
     """Time-optimal stop of one axis: the acceleration ramps to its bound, stays there, and ramps to zero.
 
-    Parameters
-    ----------
-    position, velocity, acceleration : initial state [u, u/s, u/s^2].
-    most, jerk : bounds of acceleration and jerk [u/s^2, u/s^3].
+    `most` and `jerk` are the bounds of acceleration and jerk [u/s^2, u/s^3].
     """
 
     __slots__ = ("_pieces", "highest", "lowest", "seconds")

@@ -64,7 +64,7 @@ def distance_of(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Angle [rad] between two poses, columns of at least 12 entries; computed from the trace, to 1e-7."""
+    """Angle [rad] between two poses, columns of at least 12 entries, to 1e-7."""
     trace = ca.SX(0)
     for i in (0, 1, 2, 4, 5, 6, 8, 9, 10):
         trace += a[i] * b[i]
@@ -72,13 +72,13 @@ def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
-    """Rotation (9,), row by row, at a `fraction` of the rotation from pose a (12,) to pose b (12,)."""
+    """Rotation (9,), row by row, at a `fraction` of the way from pose a (12,) to pose b (12,)."""
     one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
     return ca.vec(_turned(one, fraction * _turn(one, other)).T)
 
 
 def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:
-    """Duration [s] and constant twist (6,) of a motion from pose a (12,) to pose b (12,) within the two speeds."""
+    """Duration [s] and constant twist (6,) from pose a (12,) to pose b (12,) within the two speeds."""
     one, other = _by_rows(a), _by_rows(b)
     shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
     seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)

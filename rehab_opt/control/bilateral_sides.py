@@ -117,8 +117,7 @@ class ParticipantSide(OneThread):
     def reset(self) -> None:
         """Set the force to zero, fill the tank and forget all messages.
 
-        Serial numbers continue, and restart only with a new object: if one side is a new object, replace the other,
-        too.
+        Serial numbers restart only with a new object: if one side is a new object, replace the other, too.
         """
         self._claim()
         self.force.reset()

@@ -78,7 +78,7 @@ class BoundedForce(OneThread):
     speed cap can once draw the force limit times the jump's length.
 
     The force falls to zero within the slew limit after a solver failure, an invalid sensor value, a stale stamp or a
-    released `enable`. An object belongs to one thread, see `OneThread`.
+    released `enable`.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ class BoundedForce(OneThread):
     position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
         learnt within 0.2 s, up to 1.2 mm. A noisy velocity makes the energy count wrong: pass a filtered one.
     velocity_lag : [s] lag of the velocity that is estimated if none is passed; half a tick is added.
-    trust_stillness : accept exactly repeated positions. By default they count as a possibly frozen sensor: energy is
-        reserved meanwhile, and the force falls if none is left.
+    trust_stillness : accept exactly repeated positions. By default they count as a possibly frozen sensor, which
+        reserves energy.
     dt : [s] nominal tick. solver, backup, tolerance, compile : see `FallbackChain`. max_age : [s] see `Watchdog`.
     """
 
@@ -212,10 +212,9 @@ class BoundedForce(OneThread):
         return assistance_statement()
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
-        """Reset the state; by default refill the tank (`energy`).
+        """Reset the state, with `force` (2,) [N] acting on the hand; by default refill the tank (`energy`).
 
-        `force` (2,) [N] acts on the hand now. It is released if the energy does not allow it. A force that is not two
-        numbers, or above its limit, raises `ConfigurationError`.
+        The force is released if the energy does not allow it; above its limit it raises `ConfigurationError`.
         """
         acting = _pair("force", force)
         if not math.hypot(*acting) <= self.force_limit:
@@ -262,7 +261,7 @@ class BoundedForce(OneThread):
         return float(self._give.outputs[1][0])
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
-        """QP for a hand at x (2,) with velocity v (2,), at the last force and the current energy, for inspection."""
+        """QP for a hand at x (2,) with velocity v (2,), at the last force and current energy."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
         ceiling, left, grown = self._affordable.of(self.model, self._watched, self._force)
         view = VIEW.numbers(

@@ -1,9 +1,8 @@
 """QP of chair and arm for one set of task rows: Honzik's Eq. 1 with bounds.
 
 The QP is feasible in every tick, since one tick c of the hardest braking of all joints together satisfies all rows.
-Braking satisfies the acceleration limits, does not change the stop posture z, and every bound holds at z and on the way
-to z. The task rows hold with the slack off = |e|. The hand motion off the command r decays per tick by the factor 1 -
-dt/T, plus a term of order dt |u|^2 from the changing Jacobian.
+Braking satisfies the acceleration limits and does not change the stop posture z, and every bound holds at z and on the
+way to z. The task rows hold with the slack off = |e|.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ class Limits(NamedTuple):
         return [row for each in (self.towards, self.closing, self.beside) for row in each.rows(u)]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """Largest violation by u of the joint intervals and the wheels' limits; infinite for NaN."""
+        """Largest violation by u of joint intervals and wheel limits; infinite for NaN."""
         over = ca.vertcat(u - self.upper, self.lower - u, self.chassis.excess(u))
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
@@ -77,9 +77,8 @@ class ChairLimits:
 
     If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
     accelerations allow. A command that violates an obstacle, a keep-out or a user's limit is blended with braking, and
-    if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit. The rows of a user's limits
-    and of a `Clearance` also hold on the way to z, with moving bodies at their current positions. While the stick
-    commands a motion, `base` moves away from approaching bodies, which may exceed the acceleration limit.
+    if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit. While the stick commands a
+    motion, `base` moves away from approaching bodies, which may exceed the acceleration limit.
 
     Parameters
     ----------
@@ -199,7 +198,7 @@ class ChairLimits:
         return [part * self.braking.time for part in ALONG]
 
     def kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
-        """The velocities u (n,), blended with `base` so that nothing moves deeper into an obstacle or keep-out."""
+        """Velocities u (n,), blended with `base` so that nothing moves deeper into an obstacle or keep-out."""
         if not (self.max_obstacles or self.robot.keep_out or len(self.own)):
             return u
         u = tick.once(u)

@@ -55,7 +55,7 @@ class ChairObstacles:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """Function: obstacle (4,), place (3,), last command (3,) -> `column`, or `far` for a distant obstacle."""
+        """Function: obstacle (4,), place (3,), last command (3,) -> `column`, or `far`."""
         tick, one, place, last = (
             Stages(),
             ca.SX.sym("one", NUMBERS),
@@ -66,7 +66,7 @@ class ChairObstacles:
         return tick.function("obstacle", [one, place, last], [found])
 
     def near(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """1 if the obstacle can matter after a command `last` (3,) of the chair at `place` (3,)."""
+        """1 if the obstacle can matter to the chair at `place` (3,) after a command `last` (3,)."""
         each, change = self._approach(one, place, last, self.braking.time), self.braking.change
         turn, drive = ca.fabs(last[2]) + change[2], self._drive(last)
         margin = 2 * CLEAR + 2 * self._swept(each, last) + self._bent * self.braking.time**2
@@ -86,7 +86,7 @@ class ChairObstacles:
         return ca.densify(ca.vertcat(*[row] * ROWS, FAR))
 
     def limits(self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, ca.SX]:
-        """Limits [m/s] on the approach to obstacles (4 k,), at q (n,) after `last` (n,), and the smallest gap [m]."""
+        """Limits [m/s] on the approach to obstacles (4 k,), at q (n,) after `last` (n,); smallest gap [m]."""
         columns = [tick.call(self.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in _each(obstacles)]
         cells = [ca.reshape(each[:-1], CHAIR + 1, ROWS).T for each in columns]
         found = ca.vertcat(ca.SX(0, CHAIR + 1), *cells)
@@ -122,7 +122,7 @@ class ChairObstacles:
     # -------------------------------------------------------------------------------------------------- plumbing
     @property
     def _bent(self) -> float:
-        """[m/s^2] Error of a corner's tangents in a tick, divided by the square of the braking time."""
+        """[m/s^2] Error of a corner's tangents in a tick over the square of the braking time."""
         return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
 
     def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> ObstacleRows:
@@ -164,7 +164,7 @@ class ChairObstacles:
         return rows
 
     def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
-        """Two columns (8,) for a post: a row now and one half-way to rest; an empty row and one at the stop posture."""
+        """Two columns (8,) for a post: rows now and half-way to rest; an empty row and one at the stop posture."""
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
         now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))

@@ -65,7 +65,7 @@ class Clearance:
 def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Clearance:
     """Checked clearance with resolved names.
 
-    Raises `ConfigurationError` for an invalid number or body, a robot without capsules, or nothing to keep clear of.
+    Raises `ConfigurationError` for an invalid number or body, no capsules, or nothing to keep clear of.
     """
 
     def refuse(name: str, value: object, expected: str) -> ConfigurationError:

@@ -94,7 +94,7 @@ class ClearancePairs:
 
     @cached_property
     def names(self) -> tuple[tuple[str, str], ...]:
-        """Both bodies of every pair, in the order of `distances`; for a plane, each moving end of a link."""
+        """Both bodies of every pair, in the order of `distances`; for planes, each moving end of a link."""
         given, links = self.clearance, self.chain.capsules
         others = [*(each.name for each in given.capsules), *(f"moving {i}" for i in range(given.moving))]
         free = [links[i].name for i in self.free]
@@ -361,7 +361,7 @@ class ClearancePairs:
 
 
 def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, int], ...]:
-    """Pairs of link numbers that keep clear of each other, the link that more joints move first; see `Clearance`."""
+    """Pairs of link numbers that keep clear of each other, the link that more joints move first."""
     links = chain.capsules
     every = [(i, j) if links[i].frame >= links[j].frame else (j, i) for i in range(len(links)) for j in range(i)]
     if clearance.pairs is not None:

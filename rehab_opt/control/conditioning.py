@@ -107,7 +107,7 @@ class Conditioner(OneThread):
     Positions and rotations are interpolated linearly at even ticks. Then each coordinate, also of the quaternion,
     passes a low-pass filter of two equal poles. Sight counts as lost between samples more than `max_gap` apart, and if
     the hand would have moved faster than possible; then the filter restarts. Lost ticks are returned once sight is
-    back. If stamps jump by more than 600 s, the clock was changed, and times continue from there.
+    back. After a jump of the stamps by more than 600 s, times continue from there.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Conditioner(OneThread):
 
     @property
     def lag(self) -> float:
-        """[s] Lag of the filter in steady motion, 2 (1 - a)/a ticks with its gain a; live, add a sample interval."""
+        """[s] Lag of the filter in steady motion, 2 (1 - a)/a ticks with its gain a."""
         return 2.0 * (1.0 - self.gain) / self.gain * self.dt
 
     def reset(self) -> None:
@@ -225,7 +225,7 @@ def conditioned(
 ) -> Conditioned:
     """Condition a recording: stamps (N,) [s], positions (N, 3) [m], quaternions (N, 4); see `Conditioner`.
 
-    Raises `ConfigurationError` for wrong shapes, no stretch of valid samples, or a gap of more than 600 s.
+    Raises `ConfigurationError` for wrong shapes, no valid stretch, or a gap of more than 600 s.
     """
     from scipy.signal import lfilter  # noqa: PLC0415  (loaded when used)
 

@@ -138,7 +138,7 @@ class EnergyTank:
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
         """Account for a force (2,) commanded for at most `seconds`, with any hand motion within the speed cap.
 
-        `surely` [s] is the tick's length without jitter; past commands expire after the sum of these.
+        `surely` [s] is the tick without jitter; past commands expire after the sum of these.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
         draws = self._to_come + ca.norm_2(force) * reach
@@ -168,7 +168,7 @@ class EnergyTank:
         return self._with(level=ca.fmin(level, self._budget), disputed=disputed)._settled()
 
     def jumped(self, distance: ca.SX) -> EnergyTank:
-        """Account for a position jump beyond the speed cap: the energy that a hand could have drawn is lost."""
+        """Account for a position jump beyond the speed cap: the energy that the hand could have drawn is lost."""
         now = self.numbers
         drawn = now.disputed + now.pending + now.peak * ca.fmin(distance, HAND_SPEED * now.unseen)
         return self._with(level=now.level - drawn, disputed=ca.SX(0))._settled()
@@ -181,7 +181,7 @@ class EnergyTank:
     def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
         """Take a fraction of the free energy; return the tank and that energy [J].
 
-        Free energy excludes disputed energy and energy that `force` (2,) may still deliver.
+        Disputed energy and energy that `force` (2,) may still deliver are not free.
         """
         size = ca.norm_2(force)
         draws = self._to_come + self._speed * size * (self.late + size / (2.0 * self._slew))
@@ -189,7 +189,7 @@ class EnergyTank:
         return self._with(level=self.numbers.level - gone), gone
 
     def filled(self, joules: ca.SX) -> EnergyTank:
-        """Add energy [J] from another tank, up to the budget; the rest, and NaN, is ignored."""
+        """Add energy [J] from another tank, up to the budget; NaN is ignored."""
         level, valid = self.numbers.level, ca.logic_and(joules > 0, joules < math.inf)
         full = ca.fmin(level + ca.fmin(joules, self._budget), self._budget)
         return self._with(level=ca.if_else(valid, full, level))

@@ -61,7 +61,7 @@ class HandBounds:
         return w / self.max_manipulability, gradient / self.max_manipulability
 
     def min_heights(self, q: Array, plane: KeepOut) -> Array:
-        """Least height [m] (M,) of the guarded points above a plane at q (M, n); negative inside the keep-out."""
+        """Least height [m] (M,) of the guarded points above a plane at q (M, n); negative beyond it."""
         symbol = ca.SX.sym("q", self.chain.n)
         heights = ca.vertcat(*self.heights(self.chain.frames_expression(symbol), plane))
         return np.array(ca.Function("height", [symbol], [ca.mmin(heights)])(q.T)).ravel()

@@ -232,14 +232,14 @@ class HandTask:
 
     @property
     def fastest(self) -> float:
-        """Upper bound [m/s or rad/s] of the hand's speed in all rows together, to which commands are scaled down."""
+        """Upper bound [m/s or rad/s] of the hand's speed in all rows, to which commands are scaled down."""
         reach = sum(row.across + abs(row.along) for row in self.robot.chain.rows[CHAIR - 1 :])
         reach += float(np.linalg.norm(self.robot.chain.tool[:3, 3]))
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
 
 
 def frame_number(frame: str) -> float:
-    """Frame of the task rows as a parameter of the QP: 0 is the chassis frame, 1 the world's."""
+    """Frame of the task rows for the QP: 0 is the chassis frame, 1 the world's."""
     world = FRAMES.get(frame) if isinstance(frame, str) else None
     if world is None:
         raise ConfigurationError("frame", frame, "chassis or world")

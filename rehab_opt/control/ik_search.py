@@ -100,9 +100,9 @@ class IKSearch:
 
     # ------------------------------------------------------------------------------------------------- searches
     def posture(self, target: Array, near: Array | None = None, *, patient: bool = False) -> NLPAnswer | None:
-        """Cheapest certified answer from several starts; given `near` (k,), the one with the smallest change.
+        """Cheapest certified answer from several starts; given `near` (k,), that of smallest change.
 
-        With `patient` the search continues until a start succeeds.
+        `patient` continues until a start succeeds.
         """
         postures, distances = self.table.near(target, CANDIDATES)
         if near is None:
@@ -125,7 +125,7 @@ class IKSearch:
     def nearest(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
         """Posture with the hand nearest to `target` and the handle in its cone, best of many starts; or None.
 
-        Given `near` (k,), the local answer from there is returned unless another start comes closer by a micrometre.
+        The answer from `near` (k,) is preferred unless another start comes closer by a micrometre.
         """
         plain, sharp = self._nearest_parameters(target), self._nearest_parameters(target, SHARPNESS)
         starts, _ = self.table.near(target, self.nearest_starts)
@@ -168,7 +168,7 @@ class IKSearch:
 
     @property
     def min_tilt(self) -> NLPAnswer | None:
-        """Posture with the most upright handle if no posture is within the cone, else None."""
+        """Posture with the most upright handle if none is within the cone, else None."""
         _ = self.table
         return self._min_tilt
 

@@ -92,7 +92,7 @@ class IKStatements:
 
 
 def squared_manipulability(arm: SerialChain, q: ca.SX, free: np.ndarray) -> ca.SX:
-    """Squared manipulability w^2 = det(J J') over the joints that can move; unlike w it is smooth everywhere."""
+    """Squared manipulability w^2 = det(J J') over the joints that can move; smooth everywhere."""
     jacobian = arm.jacobian_expression(q)[:, [int(i) for i in free]]
     gram = jacobian @ jacobian.T if len(free) >= 6 else jacobian.T @ jacobian
     return determinant(gram)

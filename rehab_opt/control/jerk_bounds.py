@@ -47,7 +47,7 @@ class JerkBounds(NamedTuple):
 
     @classmethod
     def checked(cls, chain: SerialChain, jerk: ArrayLike, dt: float, recovery_speed: float) -> JerkBounds:
-        """Checked bounds from a scalar or (n,) jerk; raises `ConfigurationError` if it is not positive and finite."""
+        """Checked bounds from a scalar or (n,) jerk; `ConfigurationError` if not positive and finite."""
         bound = per_joint("jerk", jerk, chain.n, finite=True)
         if not np.all(bound > 0):
             raise ConfigurationError("jerk", jerk, "positive numbers, or None for no bound")
@@ -55,7 +55,7 @@ class JerkBounds(NamedTuple):
 
     @property
     def fastest_gain(self) -> float:
-        """Largest feedback rate [1/s] that the joints can follow with the time to build up acceleration."""
+        """Largest feedback rate [1/s] that the joints can follow while they build up acceleration."""
         built = np.minimum(self.chain.acceleration, np.sqrt(self.jerk * self.chain.velocity))
         return float(np.min(self.jerk / (4 * built)))
 
@@ -70,7 +70,7 @@ class JerkBounds(NamedTuple):
     def interval(self, q: ca.SX, last: ca.SX, acceleration: ca.SX) -> VelocityBounds:
         """Intervals from positions q, last velocities and last accelerations [rad/s^2], (n,) each.
 
-        The braking interval is a single velocity: the next one of the shortest stop.
+        The braking interval is one velocity: the next one of the shortest stop.
         """
         dt, most, jerk = self.dt, self._change, self._jerk
         movable = ca.DM(~self.chain.locked)

@@ -37,7 +37,7 @@ class StickMode(NamedTuple):
 
     @property
     def task_rows(self) -> tuple[str, ...]:
-        """The stick's two rows and the held ones, in the order of `ROWS` if there are held ones."""
+        """Two rows of the stick and the held ones, in the order of `ROWS` if any are held."""
         return tuple(row for row in ROWS if row in (*self.rows, *self.held)) if self.held else self.rows
 
 
@@ -134,7 +134,7 @@ class Joystick(OneThread):
 
 
 def stepped_towards(last: Array, target: Array, most: float) -> Array:
-    """`target`, or the point towards it at most `most` from `last`; a zero target gives zero at once."""
+    """`target`, or the point towards it at most `most` from `last`; zero at once for a zero target."""
     way = target - last
     size = float(np.linalg.norm(way))
     if size <= most or not target.any():

@@ -80,7 +80,7 @@ class ArmKeepOuts:
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
-        """1 if a tick of u (n,) moves the arm (4,) into no keep-out, and no deeper into one that it is in."""
+        """1 if a tick of u (n,) moves the arm (4,) into no keep-out, and no deeper into one."""
         return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
 
     @cached_property

@@ -55,9 +55,7 @@ class Limit:
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit, smooth near zero.
         The three closest to zero, relative to their rate, make rows of the QP; all are checked at the end of the tick.
-        If a distance, or its slope near zero, is not a number, the robot stops at once.
-    rate : [1/s] largest decay rate of a distance. The default is 1/T with the longest time T in which a joint stops
-        from its largest speed, so that all joints can brake together before the limit.
+    rate : [1/s] largest decay rate of a distance; default 1/T with the longest time T in which a joint stops.
     """
 
     distances: Callable[[SerialChain, ca.SX], ca.SX]
@@ -76,10 +74,7 @@ class Limit:
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The three distances at q (n,) that are smallest after `ways` times `way` (n,); slopes (k, n); curvature loss.
-
-        The curvature loss is the difference between a distance and its tangent after one `way`.
-        """
+        """Three distances at q (n,), the smallest after `ways` times `way` (n,); slopes (k, n); curvature loss."""
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
         rows = ca.horzcat(each + (then - each) * ways, each, then, self.slopes(chain, symbol))
@@ -103,8 +98,7 @@ def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
 def checked_limits(limits: Sequence[Limit], chain: SerialChain) -> tuple[Limit, ...]:
     """Check the limits by evaluating each once on the chain.
 
-    Raises `ConfigurationError` for another type than `Limit`, a rate that is not positive, or distances that are no
-    differentiable expression of the joint positions (such as a comparison).
+    Raises `ConfigurationError` for another type, a rate that is not positive, or distances that are not differentiable.
     """
     if not isinstance(limits, (list, tuple)) or not all(isinstance(each, Limit) for each in limits):
         raise ConfigurationError("limits", limits, "a list or tuple of Limit")
@@ -146,8 +140,8 @@ class PostureLimits:
     """Limits of one arm in one tick.
 
     A row is the tangent at the beginning of a tick; the distance is checked at its end. Rows keep a margin of about the
-    square of the joint motion in a tick; within the margin they move the arm away again. Limits take precedence over
-    accelerations, also while braking; speeds and joint limits take precedence over limits.
+    square of the joint motion in a tick. Limits take precedence over accelerations; speeds and joint limits take
+    precedence over limits.
 
     Parameters
     ----------
@@ -203,7 +197,7 @@ class PostureLimits:
         return 0 if self.clearance is None else self.clearance.size
 
     def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX, *, ticks: int = 1) -> ca.MX:
-        """Nearest contacts as one column, for q and last velocity (n,) and moving capsules, after half of `ticks`."""
+        """Nearest contacts as one column, for q, last velocity (n,) and moving capsules, after half of `ticks`."""
         return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, ticks * self.dt)
 
     def beside(
@@ -218,10 +212,10 @@ class PostureLimits:
         hard: tuple[ca.SX, ca.SX],
         gives_way: ca.SX,
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """R (m, n), r (m,) of R u <= r, and `base`, moved within `ends` so that it satisfies the rows, see `rows`.
+        """R (m, n), r (m,) of R u <= r, and `base`, moved within `ends`, or else `hard`, so that it satisfies the rows.
 
-        The velocities are q' = turn u. If `base` still violates a limit in this tick, it moves further, within `hard`.
-        If `gives_way` is 0, `base` moves neither away from approaching bodies nor out of a margin.
+        The velocities are q' = turn u. If `gives_way` is 0, `base` moves neither away from approaching bodies nor out
+        of a margin.
         """
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
@@ -280,9 +274,9 @@ class PostureLimits:
         return ca.Function("bodies_on_the_way", inputs, [every[least(every.size1(), k)(every[:, 0]), :]])
 
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
-        """(n,) `velocity`, corrected if it would come nearer to a body than the margin; may exceed accelerations.
+        """(n,) `velocity`, corrected by a Newton step if it would come nearer to a body than the margin.
 
-        The correction is a Newton step for the contacts at the end of the tick (`contacts` with twice its time).
+        The contacts are those at the end of the tick (`contacts` with twice its time).
         """
         assert self.clearance is not None
         distances, slopes, changes = self.clearance.read(contacts)
@@ -295,10 +289,7 @@ class PostureLimits:
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """Function: q, moving capsules, unconstrained, braking -> first velocity (n,) for which `judged` gives 1.
-
-        The velocities are tried in this order: `unconstrained`, blends with `braking`, fractions of `braking`.
-        """
+        """Function: q, moving capsules, unconstrained, braking -> first velocity (n,) for which `judged` gives 1."""
         n = self.chain.n
         q, told = ca.MX.sym("q", n), ca.MX.sym("moving", judged.numel_in(1))
         unconstrained, braking = ca.MX.sym("unconstrained", n), ca.MX.sym("braking", n)
@@ -424,8 +415,8 @@ def kept_within(
 ) -> ca.SX:
     """(n,) `rest`, moved limit by limit towards the end of an interval that satisfies the limit, as far as needed.
 
-    Motion that still violates a limit in this tick is removed along that limit's slope, within the `outer` ends. If
-    this removal is not enough, all joints are slowed alike; only then is the acceleration limit relaxed.
+    Motion that still violates a limit is removed along that limit's slope, within the `outer` ends. If this removal is
+    not enough, all joints are slowed alike.
     """
     (lower, upper), (slopes, free, hard) = ends, now
     u = rest

@@ -140,8 +140,8 @@ class HandSpeed(Bound):
     def at_most(self, tick: Stages, way: Way) -> ca.SX:
         """Upper bound of `excess`, from J(q) only.
 
-        A motion d of the joints changes J_v u by at most (|d_1| + ... + |d_n|) (r_1 |u_1| + ... + r_n |u_n|). Here r_i
-        is the longest column of J_v at any posture; for J_w u it is 1.
+        A joint motion d changes J_v u by at most sum|d_i| sum(r_i |u_i|). Here r_i is the longest column of J_v at any
+        posture; for J_w u it is 1.
         """
         size, over = ca.fabs(way.u), []
         turned = self._manoeuvre.dt * ca.sum1(size)

@@ -70,20 +70,19 @@ class MirrorTracker(MirrorPreview):
     ----------
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures.
-    max_deviation : [m] distance of the tool from the reference at which the clock waits.
-    max_turn : [rad] rotation of the tool from the reference at which the clock waits.
+    max_deviation, max_turn : [m, rad] deviation of the tool from the reference at which the clock waits.
+
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     keep_out : planes from `KeepOut.through(point, normal)`. At the end of a tick no capsule of a link
-        (`SerialChain.capsules`), no frame origin and no tool origin is beyond a plane. Parts that no joint moves, the
-        led hand, and attachments to the flange need a capsule to be guarded.
+        (`SerialChain.capsules`), no frame origin and no tool origin is beyond a plane.
     limits : further limits of the posture, each a `Limit` or a `Clearance`.
     person : the led arm, in the robot's base frame; the reference is limited to its range of motion (`PersonLimit`).
     grip : (4, 4) pose of the tool in the person's hand frame.
-    person_start : (m,) [rad] posture at which the model of the led arm starts; by default the middle of its range.
+    person_start : (m,) [rad] start posture of the led arm's model; by default the middle of its range.
     interaction : response of the hand to measured forces; default `Interaction()`.
     catch_up : fraction by which the clock may run fast to make up for a lag.
-    turn_length : [m/rad] weight of a rotation of the hand relative to its position, if both cannot be reached.
-    max_manipulability : w_max, if known; by default it is searched for, in half a second.
+    turn_length : [m/rad] weight of the hand's rotation relative to its position.
+    max_manipulability : w_max, if known; by default it is computed.
     gain, posture, lower, upper, velocity, acceleration : as for `PoseTracker`.
     dt, recovery_speed, solver, backup, tolerance, max_age, compile : as for `PoseTracker`.
     """
@@ -247,12 +246,12 @@ class MirrorTracker(MirrorPreview):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
 
-        If the state is invalid, the arm decelerates within its limits, with a reason, and the clock waits. Arguments of
-        a wrong shape raise `ConfigurationError`.
+        If the state is invalid, the arm decelerates within its limits, and the clock waits. Arguments of a wrong shape
+        raise `ConfigurationError`.
 
         Parameters
         ----------
-        q : (n,) measured joint positions [rad, m]. Numpy arrays are several times faster than lists.
+        q : (n,) measured joint positions [rad, m].
         pose : (4, 4) current mirrored pose of the tool in the base frame.
         twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
         obstacles : moving bodies, as for `PoseTracker.step`.
@@ -284,10 +283,7 @@ class MirrorTracker(MirrorPreview):
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
-        """Plan the whole motion along a recording, with every guarantee of `step` and a known future.
-
-        The clock slows down before a fast part and knows where a stretch out of reach ends. Ruckig then times the joint
-        path within the same bounds (`retimed`).
+        """Plan the whole motion along a recording, with every guarantee of `step` and a known future; timed by Ruckig.
 
         Parameters
         ----------

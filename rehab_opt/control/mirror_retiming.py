@@ -51,7 +51,7 @@ BROKEN, EXACT = 1e-9, 1e-12
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
     """The plan timed by Ruckig, or the plan itself if no such passage satisfies every bound.
 
-    left : (M,) [s] remaining time of the clock to the reference's end at each tick, bridges included.
+    left : (M,) [s] time of the clock to the reference's end at each tick.
     """
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
     if not plan.complete or any(each & Relaxed.ACCELERATION for each in set(plan.relaxed)) or way.sum() < APART:

@@ -73,7 +73,7 @@ class ObstacleRows(NamedTuple):
 def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array:
     """Obstacles (4 max_obstacles,) as a parameter, each with its kind last; unused ones have kind 0.
 
-    Raises `ConfigurationError` for too many obstacles, another type, a zero normal, or an invalid number.
+    Raises `ConfigurationError` for too many obstacles, another type, or an invalid number.
     """
     if not isinstance(obstacles, (list, tuple)) or isinstance(obstacles, Obstacle):
         raise ConfigurationError("obstacles", obstacles, "a list or tuple of HalfPlane and Disc")
@@ -93,10 +93,7 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
 
 @cache
 def obstacle_function() -> ca.Function:
-    """Function: kind, x, y and size of an obstacle (4,) -> its numbers (4,), and whether it is invalid.
-
-    The numbers of a half-plane are divided by the length of its normal; kind zero means no obstacle.
-    """
+    """Function: kind, x, y and size of an obstacle (4,), kind 0 for none -> its numbers (4,), whether it is invalid."""
     told = ca.SX.sym("told", 4)
     kind, x, y, size = ca.vertsplit(told)
     largest = ca.fmax(ca.fabs(x), ca.fabs(y))  # so that no square is too large or too small
@@ -131,8 +128,7 @@ def approach(
     """Rows that keep the chair's outline out of one obstacle for any turn within the tick.
 
     If the velocity satisfies the rows and `turn`, an outline outside the obstacle stays outside at every instant. An
-    outline inside gets no deeper. Depth is the shortest translation out of the obstacle. The chair may move straight in
-    the world while it turns, or along the arc of constant wheel speeds.
+    outline inside gets no deeper. Depth is the shortest translation out of the obstacle.
 
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
     normal at the point nearest to the disc's centre c. The bound does not jump when another edge becomes the nearest,

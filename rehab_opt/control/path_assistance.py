@@ -37,9 +37,9 @@ class PathAssistance(BoundedForce):
         F_desired = S (p(s) - x) - D (v - (v.t) t),
 
     x and v are the hand's position and velocity, p(s) is the path point of the last tick, and t the path's direction
-    there. Along the path the hand moves freely, except for a drag S v dt. Outside the workspace the force pulls back to
-    it, as `Assistance` does in mode "follow". The path coordinate s follows the hand in both directions, see
-    `path_progress`. The largest s is the progress. The help ends at the path's end; `reset` restarts it.
+    there. Along the path the hand moves freely. Outside the workspace the force pulls back to it, as `Assistance` does
+    in mode "follow". The path coordinate s follows the hand in both directions, see `path_progress`. The largest s is
+    the progress. The help ends at the path's end; `reset` restarts it.
 
     A hand that stands still under more than 0.1 of `force_limit` is released: the force fades within 0.3 s, and the
     command is BLOCKED. At another point of the path, at most 20 widths away, the force grows again.
@@ -127,7 +127,7 @@ class PathAssistance(BoundedForce):
 
     @property
     def progress(self) -> float:
-        """Largest fraction of the path, 0 to 1, that the hand has reached; constant while the hand is released."""
+        """Largest fraction of the path, 0 to 1, that the hand has reached."""
         return float(self._state_of_path[PROGRESS["furthest"]] / self.path_model[PATH_MODEL["last"]])
 
     @property
@@ -159,7 +159,7 @@ class PathAssistance(BoundedForce):
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """Take a step as `BoundedForce.step` does, and update the progress if the tick's position is valid."""
+        """As `BoundedForce.step`; a valid position also updates the progress."""
         command = super().step(x, v, enable=enable, stamp=stamp)
         if not self.valid:
             self._state_of_path[PROGRESS["gap"]] = 1.0

@@ -50,7 +50,7 @@ BESIDE = 2 * BEFORE + 2
 def progress_function() -> ca.Function:
     """Function: `PATH_MODEL`, `PROGRESS`, hand (2,) [m], force on it (2,) [N], samples (2, `BESIDE`) [m] -> `PROGRESS`.
 
-    The samples of the path begin `BEFORE` samples before floor(`at`); its first and last points repeat.
+    The samples begin `BEFORE` samples before floor(`at`); the path's first and last points repeat.
     """
     model, old = PATH_MODEL.symbols("model"), PROGRESS.symbols("old")
     hand, force, beside = ca.SX.sym("hand", 2), ca.SX.sym("force", 2), ca.SX.sym("beside", 2, BESIDE)

@@ -62,7 +62,7 @@ def ruckig_timing(
 ) -> PathTiming:
     """Time the path from rest to rest within the bounds (n,) of its axes; infinite bounds are ignored.
 
-    `fastest` bounds the speed of the progress itself. q(s) must be C2, or only C1 without jerk bounds.
+    `fastest` bounds the speed of the progress. q(s) must be C2, or only C1 without jerk bounds.
     """
     length = np.diff(cells.knots)[:, None]
     mid, second = cells.first + cells.second * length / 2, cells.second + cells.third * length

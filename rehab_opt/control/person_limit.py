@@ -57,8 +57,7 @@ class _Model(PoseTracker):
 class PersonLimit:
     """Nearest pose to a moving reference that a model arm with this range of motion can follow.
 
-    The model arm satisfies its joint limits exactly and never jumps; a pose within its range is returned with a lag
-    below a millimetre. Another start posture may reach more poses, since the model moves locally.
+    The model arm satisfies its joint limits exactly and never jumps. Another start posture may reach more poses.
 
     Parameters
     ----------
@@ -110,7 +109,7 @@ class PersonLimit:
         """Remaining ticks for convergence to the first pose; 0 once it is reached."""
 
     def settle(self, pose: Array, *, ticks: int = SETTLING) -> bool:
-        """Converge to the first pose for at most `ticks` ticks; return whether the model has converged."""
+        """Converge to the first pose in at most `ticks` ticks; return whether the model has converged."""
         if self.q is None:
             self.q = self.start.copy()
         while self._settling > 0 and ticks > 0:

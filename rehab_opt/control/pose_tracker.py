@@ -119,9 +119,8 @@ class PoseTracker(PoseInputs):
     gain : [1/s] rate at which a pose error decays near the target.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     task_weights : (6,) relative weights of the twist's components in the base frame; zero frees a component.
-    posture : (n,) joint positions that a redundant chain approaches by self-motion. By default the middle of each
-        joint's range, if there are more than six joints and no zero weights. The self-motion is at most
-        `recovery_speed` and a tenth of the largest speeds.
+    posture : (n,) joint positions that a redundant chain approaches by self-motion; by default the middle of each
+        joint's range, if there are more than six joints and no zero weights.
     limits : further limits of the posture, each a `Limit`.
     dt : nominal tick [s].
     recovery_speed : return speed of a joint outside its limits, as a fraction of its velocity limit.
@@ -222,7 +221,7 @@ class PoseTracker(PoseInputs):
         )  # fmt: skip
 
     def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """Report of a tick with the pose error (6,), the twist (6,) and the command (n,); subclasses add to it."""
+        """Report of a tick from pose error (6,), twist (6,) and command (n,); subclasses add to it."""
         return report
 
     def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
@@ -273,7 +272,7 @@ class PoseTracker(PoseInputs):
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
     def _task(self, tick: Stages, now: Now, target: ca.SX, error: ca.SX, twist: ca.SX) -> Task:
-        """Levenberg-Marquardt step on the pose error at the stop posture; `error` (6,) is the pose error now."""
+        """Levenberg-Marquardt step on the pose error at the stop posture; `error` (6,) is that of now."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
         movable = ca.diag(ca.DM(~chain.locked))
@@ -406,7 +405,7 @@ class PoseTracker(PoseInputs):
         )
 
     def _within(self, tick: Stages, now: Now, task: Task, rows: Rows, u: ca.SX) -> ca.SX:
-        """(n,) u moved into the rows again after the accelerations shortened it; the rows now include curvature."""
+        """(n,) u moved back into the rows after the accelerations shortened it, with the rows' curvature."""
         assert self.kept is not None
         upper = tick.once(self.kept.bent(tick, rows, now.state, now.braked, u))
         H = task.J.T @ task.J + task.damping * ca.SX.eye(self.chain.n)
@@ -488,8 +487,7 @@ class PoseTracker(PoseInputs):
     ) -> Command:
         """Joint velocity (n,) [rad/s, m/s] to hold until the next tick.
 
-        An invalid state or pose gives a tick of braking, with a reason. Arguments of a wrong shape raise
-        `ConfigurationError`.
+        An invalid state or pose gives a tick of braking. Arguments of a wrong shape raise `ConfigurationError`.
 
         Parameters
         ----------

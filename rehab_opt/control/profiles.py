@@ -65,7 +65,7 @@ class Profiles:
 
     # ------------------------------------------------------------------------------------------------- planning
     def start(self, p: list[float], v: list[float]) -> bool:
-        """Start at positions p with velocities v and zero acceleration, and come to rest; False on overflow."""
+        """Start at positions p with velocities v and zero acceleration, and stop; False on overflow."""
         self.p, self.v, self.a = p, v, self._rest
         self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had been constant
         self._size = -1.0
@@ -79,7 +79,7 @@ class Profiles:
     def move(self, goal: list[float], speed: list[float]) -> bool:
         """Plan to `goal` (n,) [u], one tick from now and inside the bounds; False if the plan would leave the bounds.
 
-        speed : (n,) [u/s] speed of the goal, below the velocity bounds; zero while an axis is outside.
+        speed : (n,) [u/s] speed of the goal, below the velocity bounds.
         """
         # Plan in the frame that moves with the goal, with shifted velocity bounds. Ruckig's own target velocity
         # passes the goal where it is now; planned again in every tick, it trails by centimetres.
@@ -98,7 +98,7 @@ class Profiles:
         return True
 
     def stop(self, *, at_any_price: bool = False) -> None:
-        """Stop each axis as fast as acceleration and jerk bounds allow, as soon as its stop stays inside.
+        """Stop each axis as fast as its bounds allow, as soon as its stop stays inside.
 
         To be called in every tick until all axes are `stopping`; with `at_any_price` all axes stop at once.
         """

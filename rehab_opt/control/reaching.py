@@ -64,7 +64,7 @@ class Reaching:
     def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
         """Velocity (3,) [m/s] of the hand in the world frame at joint values q (n,); NaN for invalid numbers.
 
-        last : (n,) joint velocities of the last tick, the chair's in its own frame.
+        last : (n,) last joint velocities, the chair's in its own frame.
         """
         self.refused = ""
         valid = np.all(np.abs(q) <= MAX_MAGNITUDE) and np.all(np.abs(target) <= MAX_MAGNITUDE)  # NaN fails

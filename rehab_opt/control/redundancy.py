@@ -63,8 +63,8 @@ class RedundancyResolver(OneThread):
     robot : from `ardis` or `arm_on_chair`.
     drive : "mecanum"; "differential", which cannot move sideways; "omnidirectional", whose wheel speeds are the chassis
         twist; or "fixed", where only the arm moves. See `Drive`.
-    row_sets : sets of task rows with functions compiled at construction, up to half a minute per set; `ROWS` names the
-        rows. Any other set gets uncompiled functions at first use, in a second or two; a moving robot brakes first.
+    row_sets : sets of task rows (`ROWS`) with functions compiled at construction, up to half a minute per set. Other
+        sets get uncompiled functions at first use; a moving robot brakes first.
     obstacles : walls and posts in the world frame.
     max_obstacles : largest number of obstacles at any time; default the number of `obstacles`.
     keep_out : whether the arm must stay out of the robot's keep-outs.
@@ -171,8 +171,7 @@ class RedundancyResolver(OneThread):
 
         Parameters
         ----------
-        velocity : (n,) current joint velocities [m/s, rad/s], as in a `Command`; zero by default. Until the first
-            measured position, joints are assumed at the middle of their ranges.
+        velocity : (n,) current joint velocities [m/s, rad/s], as in a `Command`; zero by default.
         heading : [rad] q3 at the start of that command's tick, which gives the chair's forward direction in the world.
         """
         n = self.robot.chain.n
@@ -214,8 +213,8 @@ class RedundancyResolver(OneThread):
     ) -> Command:
         """Joint velocities (n,) to hold until the next tick, and wheel speeds.
 
-        Invalid numbers give a deceleration within the limits, with a reason. Arguments of a wrong shape, unknown rows
-        or frames, and more rows than moving joints raise `ConfigurationError`.
+        Invalid numbers give a deceleration within the limits. Wrong shapes, unknown rows or frames, and more rows than
+        moving joints raise `ConfigurationError`.
 
         Parameters
         ----------
@@ -271,9 +270,9 @@ class RedundancyResolver(OneThread):
     def instance(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Instance:
-        """QP that `step` would solve now, as numbers, for inspection by any thread; it changes nothing.
+        """QP that `step` would solve now, as numbers, for inspection by any thread.
 
-        The variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
+        Its variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
         command.
         """
         names, world = checked_rows(rows), frame_number(frame)

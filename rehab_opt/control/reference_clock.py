@@ -85,7 +85,7 @@ class ClockStatement:
     def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
         """Number of samples passed in `seconds` of reference time, at most to the newest; and the clock then.
 
-        `lengths` (window,) [s] are the times between samples. If `goes` is 0, the clock stands still.
+        `lengths` (window,) [s] are the times between samples. The clock advances only if it `goes`.
         """
         passed, fraction, lag, going = ca.SX(0), clock.fraction, clock.lag, goes
         for i in range(self.window - 1):
@@ -125,9 +125,8 @@ class ClockStatement:
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
         """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples (60,), `CLOCK`.
 
-        A jump, or a sample with `bridge`, is bridged: a calm motion at these speeds leads to the sample, over a further
-        sample on the way. Without a bridge the last of the two samples is unused. Skipped time before the sample is
-        included in its stamp.
+        A jump, or a sample with `bridge`, is bridged by a calm motion at these speeds, over a further sample on the
+        way.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))
@@ -155,8 +154,7 @@ class ClockStatement:
 class ReferenceClock:
     """Poses that arrive every `dt` [s] and are read at another pace, joined by straight lines and uniform rotations.
 
-    A clock is *current* if it is at the newest sample. `linear_speed` and `angular_speed` [m/s, rad/s] are those of
-    bridges over jumps. A tick may reach at most `window` samples.
+    A clock is *current* if it is at the newest sample. The speeds [m/s, rad/s] are those of bridges over jumps.
     """
 
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
@@ -203,7 +201,7 @@ class ReferenceClock:
 
     @property
     def window(self) -> Array:
-        """Samples (window, 20) from the current one on; rows after the newest have no meaning."""
+        """Samples (window, 20) from the current one on; rows after the newest are meaningless."""
         return self._table[self._at : self._at + self._window]
 
     @property
@@ -247,7 +245,7 @@ class ReferenceClock:
     ) -> None:
         """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, over a bridge.
 
-        Samples skipped before it count in `behind` until the clock has passed them. `thinning` limits those that wait.
+        Samples skipped before it count in `behind`. `thinning` limits the number of waiting samples.
         """
         self._enlarge(2)
         taken, newest = self._taken, self._end - 1
@@ -268,7 +266,7 @@ class ReferenceClock:
         self._append(np.column_stack([poses.reshape(-1, 16)[:, :12], twists, seconds, stamps]))
 
     def stand(self, samples: int, fraction: float, lag: float) -> None:
-        """Move the clock on by `samples`, to this fraction of the way to the next one and this lag [s]."""
+        """Move the clock on by `samples`, to a `fraction` of the way to the next one and a `lag` [s]."""
         self._at, self.passed, self.fraction, self.lag = self._at + samples, self.passed + samples, fraction, lag
         if self._at > 256 and not self._paces:
             self._table[: self._end - self._at] = self._table[self._at : self._end].copy()
@@ -306,7 +304,7 @@ class ReferenceClock:
         return poses, here[:, stamp] + share * (there[:, stamp] - here[:, stamp])
 
     def read(self, ahead: float = 0.0) -> tuple[Array, Array]:
-        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time after the clock; the clock does not move."""
+        """Pose (4, 4) and twist (6,), `ahead` seconds of reference time after the clock."""
         found = self._reading.of(self.window.T, self.now, ahead).reshape(4, 4)
         return found, self._reading.outputs[1].copy()
 
@@ -316,9 +314,8 @@ class ReferenceClock:
         return self._paces[self._at] if self._paces else math.inf
 
     def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
-        """Compute the largest pace at each sample that keeps these speeds [m/s, rad/s], also at all later samples.
-
-        The pace falls by at most 1 in `quickening` seconds.
+        """Compute the largest pace at each sample, falling by at most 1 in `quickening` seconds, that keeps these
+        speeds.
         """
         motion = self._table[: self._end, 12:18]
         fastest = np.maximum(

@@ -80,7 +80,7 @@ class Scanning(OneThread):
         self._give_away()
 
     def step(self, pressure: float) -> StickCommand:
-        """User's current command from a pressure: 0 to 1 of a switch or a puff, 0 to -1 of a sip; NaN is no press."""
+        """User's current command from a pressure: 0 to 1 of a puff or switch, 0 to -1 of a sip; NaN is no press."""
         if self._owner != get_ident():
             self._claim()
         way, reason = self._pressed(pressure)

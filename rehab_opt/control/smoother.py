@@ -1,7 +1,4 @@
-"""Positions with bounded velocity, acceleration and jerk, axis by axis, for axes without coupling constraints.
-
-Examples are joint trajectories of a plan, targets, and reference clocks; smoothing would violate coupling constraints.
-"""
+"""Positions with bounded velocity, acceleration and jerk, axis by axis, for axes without coupling constraints."""
 
 from __future__ import annotations
 
@@ -39,9 +36,9 @@ class Smoother(OneThread):
     """Follow targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
     Each axis moves as fast as its own bounds allow, unless `straight`. A target outside the position bounds is clipped.
-    If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. The
-    motion later continues from there without a jump. Only if `reset` sets an axis too fast before a position bound,
-    that bound is relaxed and flagged. An object belongs to one thread, see `OneThread`.
+    If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. Only
+    if `reset` sets an axis too fast before a position bound, that bound is relaxed and flagged. An object belongs to
+    one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -52,7 +49,6 @@ class Smoother(OneThread):
     axes : n, needed if every bound is a scalar; default 1.
     recovery_speed : return speed of an axis that was reset outside its bounds, as a fraction of `velocity`.
     straight : whether axes that start at rest move on the straight line to the target, as fast as the slowest allows.
-        Axes that already move arrive together, near that line if they move along it.
     """
 
     def __init__(
@@ -119,8 +115,7 @@ class Smoother(OneThread):
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Start at `position` (n,) [u] with `velocity` (n,) [u/s], by default at rest, and zero acceleration.
 
-        An axis outside its bounds returns at `recovery_speed`. Invalid numbers, a wrong size, or a velocity above its
-        bound raise `ConfigurationError`.
+        Invalid numbers, a wrong size, or a velocity above its bound raise `ConfigurationError`.
         """
         p = per_joint("position", position, self._n, finite=True)
         v = per_joint("velocity", 0.0 if velocity is None else velocity, self._n, finite=True)
@@ -190,10 +185,9 @@ class Smoother(OneThread):
         return Command(value, Status.OK, "ruckig", residual, -1, "", Relaxed.NOTHING, 1.0)
 
     def lag(self, speed: ArrayLike) -> Array:
-        """Time lag (n,) [s] of the output behind a target at constant `speed` (n,) [u/s].
+        """Time lag (n,) [s] of the output behind a target at constant `speed` (n,) [u/s]; zero with `target_velocity`.
 
-        Every tick plans to rest at the target, so the output lags by its stopping distance: (v/a + a/j)/2 seconds, or
-        sqrt(v/j) for v < a^2/j, with velocity v, acceleration a and jerk j. With `target_velocity` there is no lag.
+        Every tick plans to rest at the target, so the output lags by its stopping distance.
         """
         speeds = np.minimum(np.abs(per_joint("speed", speed, self._n)), self._bounds.velocity)
         limits = zip(speeds.tolist(), self._bounds.acceleration, self._bounds.jerk, strict=True)

@@ -69,8 +69,7 @@ def smooth_path(
     velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
         scalar applies to all axes.
     lower, upper : (n,) position bounds [u]; None or infinite for none.
-    tolerance : [u] largest deviation of an axis from the path. If it is below the recording's noise, the drive follows
-        the noise, and the path takes several times as long.
+    tolerance : [u] largest deviation of an axis from the path, above the recording's noise.
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 

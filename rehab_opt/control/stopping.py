@@ -127,9 +127,8 @@ def max_change(chain: SerialChain, dt: float) -> ca.DM:
 def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
     """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
 
-    A speed v is held for dt, then v - change, v - 2 change and so on, for k = floor(v/change) further ticks. The
-    stopping distance is dt ((k + 1) v - change k (k + 1)/2); this function inverts the relation. Without room the speed
-    is zero.
+    A speed v is held for dt, then v - change and so on, for k = floor(v/change) further ticks. The stopping distance is
+    dt ((k + 1) v - change k (k + 1)/2); this function inverts the relation.
     """
     room = ca.fmax(room - ROUNDED, 0)
     ticks = ca.floor(0.5 * ca.sqrt(1 + room * (8 / (change * dt))) - 0.5)
@@ -139,8 +138,7 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
 def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
     """Largest speed towards a limit at which a delayed servo does not overshoot the limit.
 
-    Near the limit the speed is `approach` times the room, so that braking fades out. Further away the speed is the
-    parabola of the deceleration `GENTLE`, with a smooth transition.
+    Near the limit the speed is `approach` times the room; further away it is the parabola of the deceleration `GENTLE`.
     """
     if approach == math.inf:
         return ca.SX.inf(room.shape)
@@ -195,12 +193,12 @@ class BrakingTogether:
 
 
 def ticks_to_rest(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """Number of ticks in which velocities (n,), with changes of at most `change` (n,) per tick, come to rest."""
+    """Number of ticks in which velocities (n,) come to rest, with changes of at most `change` (n,)."""
     return ca.mmax(ca.fabs(velocity) / change)
 
 
 def slowed_together(velocity: ca.SX, change: ca.DM) -> ca.SX:
-    """(n,) velocities after a tick in which all shrink by the largest common fraction within `change` (n,)."""
+    """(n,) velocities after a tick in which all shrink by the largest common fraction."""
     return velocity * (1 - _taken_away(velocity, change))
 
 

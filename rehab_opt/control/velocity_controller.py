@@ -206,7 +206,7 @@ class VelocityController(OneThread, ABC):
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
         """Number of `Relaxed`, and `delivered_fraction` of the reference motion.
 
-        `delivered` and `commanded` are twists with equal weights; `outside` is true if a joint is beyond its limit.
+        `delivered` and `commanded` are twists with equal weights; `outside` means that a joint is beyond its limit.
         """
         hurried = self.hurried(last, velocity)
         size = ca.sumsqr(commanded)
@@ -216,7 +216,7 @@ class VelocityController(OneThread, ABC):
 
     @cached_property
     def hurried(self) -> ca.Function:
-        """Function: whether joints change from one velocity (n,) to another faster than their accelerations allow."""
+        """Function: whether joints change from one velocity (n,) to another beyond their accelerations."""
         last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
         faster = ca.sum1(ca.fabs(velocity - last) > max_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
         return ca.Function("hurried", [last, velocity], [faster])
@@ -238,10 +238,7 @@ class VelocityController(OneThread, ABC):
         return None
 
     def beginning(self) -> ca.Function:
-        """Function: current velocity (n,) -> state without other history; whether the joints may be that fast.
-
-        Until a position is measured, the middle of a joint's range is assumed.
-        """
+        """Function: current velocity (n,) -> state without other history; whether the joints may be that fast."""
         velocity = ca.SX.sym("velocity", self.chain.n)
         lower, upper = np.maximum(self.chain.lower, -MAX_MAGNITUDE), np.minimum(self.chain.upper, MAX_MAGNITUDE)
         n, memory, nothing = self.chain.n, int(self.stated.memory.numel()), ca.SX.zeros
@@ -254,8 +251,7 @@ class VelocityController(OneThread, ABC):
     def stopping(self) -> ca.Function:
         """Function: parameters, state -> state after the fallback command; relaxed bounds, whether it moves; q (n,).
 
-        The last valid position replaces an invalid one, and the warm start is discarded. `braking` also gets the last
-        parameters, except those with an invalid number.
+        The last valid position replaces an invalid one, and the warm start is discarded.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)
@@ -274,10 +270,8 @@ class VelocityController(OneThread, ABC):
         return ca.Function("stopping", [p, state], [ca.vertcat(start, after), said, q])
 
     def faulty(self) -> ca.Function:
-        """Function: parameters, whether they are valid -> number of the reason for no certified answer, its input and
-        element.
-
-        Input and element, both counted from 0, are those of the first invalid number, else -1.
+        """Function: parameters, whether they are valid -> why no answer is certified: reason, input and element (from
+        0, or -1).
         """
         p, valid = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("valid")
         where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
@@ -411,7 +405,7 @@ class VelocityController(OneThread, ABC):
 
 
 def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """`value` as an array of that shape with any numbers; an integer too large for a float becomes infinite."""
+    """`value` as an array of that shape; an integer too large for a float becomes infinite."""
     expected = f"real numbers of shape {shape}"
     try:
         array = real_array(value)

@@ -35,14 +35,12 @@ NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 
 
 def default_max_age(dt: float) -> float:
-    """Largest age [s] of a state at a nominal tick dt [s]: 50 ms, a fast human reaction, and never less than three
-    ticks.
-    """
+    """Largest age [s] of a state at a tick dt [s]: 50 ms, a fast human reaction, and at least three ticks."""
     return max(0.05, 3.0 * dt)
 
 
 def stamp_and_kind(stamp: object) -> tuple[float, int]:
-    """Time stamp as a float [s], NaN if it is invalid (another type, boolean, text), and its kind."""
+    """Time stamp as a float [s], NaN for another type, and its kind."""
     if stamp is None:
         return math.nan, NO_STAMP
     try:
@@ -72,7 +70,7 @@ def checked_stamp(
 ) -> Judged:
     """Check one stamp [s, any origin] per tick, with its kind from `stamp_and_kind`; see `Watchdog`.
 
-    any_period : whether ticks may be as slow as `max_age`, for a controller that measures time itself.
+    any_period : whether ticks may be as slow as `max_age`.
     """
     gained = dt * (1.0 - DRIFT)
     finite = ca.logic_and(kind == NUMBER_OF_SECONDS, ca.fabs(stamp) < ca.inf)
@@ -175,8 +173,7 @@ class Watchdog(OneThread):
     def check(self, stamp: float | None) -> str:
         """Reason why a state with `stamp` [s, any origin] is invalid; empty if it is valid.
 
-        None is accepted before the first stamp; later it is a fault. After a gap or a reversal the next stamp may be
-        valid.
+        None is accepted before the first stamp; later it is a fault.
         """
         if self._owner != get_ident():
             self._claim()
