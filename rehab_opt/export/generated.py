@@ -59,7 +59,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
     """C code of all functions, each static with its own name.
 
     Outputs may use the memory of inputs. Work space sizes are those of the virtual machine, which are at least those of
-    the code. They include the additional integers of `optim/qrqp.py`, because qrqp writes one integer too many.
+    the code. These sizes include the additional integers of `optim/qrqp.py`, because qrqp writes one integer too many.
 
     Raises
     ------

@@ -118,7 +118,7 @@ class Joints:
         self._noise, self._q, self._seen = encoder_noise(ticks, start.size), start.copy(), start.copy()
 
     def seen(self, told: Array) -> Array:
-        """(n,) `told`, with the encoder values of this tick where `told` equals `start`."""
+        """Positions `told` (n,), where entries equal to `start` are replaced by this tick's encoder values."""
         if self._tick < len(self._noise):
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)

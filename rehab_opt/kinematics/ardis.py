@@ -132,5 +132,5 @@ def ardis(
 
 
 def _base(height: float) -> Array:
-    """(4, 4) pose in the world of frame 0 of Table 1: its z points forward, its -x left, its -y up."""
+    """(4, 4) pose of frame 0 of Table 1 in the world: z of this frame points forward, -x left, -y up."""
     return np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, height], [0.0, 0.0, 0.0, 1.0]])

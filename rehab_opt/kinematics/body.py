@@ -51,7 +51,7 @@ def of_a_body(inertia: ArrayLike) -> bool:
 
 
 def checked_bodies(bodies: Sequence[Body], n: int) -> tuple[Body, ...]:
-    """The bodies, checked: each is on a link 1 to n.
+    """The bodies, checked to be on one of the links 1 to n.
 
     Raises
     ------

@@ -102,8 +102,8 @@ class Drive(ABC):
 class Omnidirectional(Drive):
     """A base that moves in every direction and takes its twist as the command; its wheels are not modelled.
 
-    Its "wheel speeds" are the twist: forward [m/s], left [m/s], turn [rad/s]. Bounds apply to the speed along the
-    floor, the turn rate, and the three accelerations.
+    The "wheel speeds" of this base are the twist: forward [m/s], left [m/s], turn [rad/s]. Bounds apply to the speed
+    along the floor, the turn rate, and the three accelerations.
     """
 
     radius = 1.0

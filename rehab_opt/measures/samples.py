@@ -196,7 +196,7 @@ def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None
 
 
 def passed_by_low_pass(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
-    """Gain of the filter run both ways (1 without a filter), and radians per sample, from 0 to half the rate."""
+    """Gains of the filter run both ways (1 without a filter) at frequencies [rad/sample] from 0 to half the rate."""
     angle = np.linspace(0.0, np.pi, FREQUENCIES)
     if cutoff_hz is None:
         return np.ones(FREQUENCIES), angle

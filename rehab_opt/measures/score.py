@@ -220,7 +220,7 @@ def hand_motion(
 
 
 def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> float:
-    """[m] White noise, from the filtered part; without a filter, from the median of fourth differences."""
+    """[m] Standard deviation of white noise, from the part that the filter removes or from fourth differences."""
     if cutoff is not None:
         return white_noise(points, path, rate, cutoff_hz=cutoff)
     return float(np.median(np.abs(np.diff(points, 4, axis=0)))) / (NORMAL_MEDIAN * math.sqrt(70.0))

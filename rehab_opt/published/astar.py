@@ -150,7 +150,7 @@ class _Search:
         return None
 
     def path(self, q: Array, first: int, last: int) -> tuple[list[Array], list[int]] | None:
-        """Joint positions and nearest samples of the steps from here to sample `last`."""
+        """Joint positions, and nearest reference samples, of the steps from sample `first` to sample `last`."""
         origin, goal = self.chain.pose(q)[:3, 3], self.places[last]
         window = slice(first, last + 1)
         open_list: list[tuple[float, int, Cell]] = []

@@ -209,7 +209,7 @@ class TangentLaw:
         return TangentPath(q=postures, status=status, position_error=errors, handle_tilt=tilts, seconds=seconds)
 
     def _integrated(self, v: Array, begin: Array, end: Array, *, steps: int, h: float) -> Array:
-        """V after `steps` Euler steps of h [s] while the target moves from `begin` to `end` (3,)."""
+        """Variables v (m,) after `steps` Euler steps of h [s], while the target moves from `begin` to `end` (3,)."""
         for i in range(1, steps + 1):
             v = v + h * self.rate(v, begin + (end - begin) * (i / steps))
             v = np.clip(v, -self.saturation, self.saturation)

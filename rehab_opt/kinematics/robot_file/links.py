@@ -138,7 +138,7 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
 def _joints_and_frames(
     steps: Sequence[Step], locked: Mapping[str, float], source: Source, notes: list[str]
 ) -> tuple[list[Joint], list[Array], list[_Fixed]]:
-    """Moving joints, link frames, and n + 1 poses: of each next joint's axes (at last the tip) in those before."""
+    """The n moving joints; n + 1 poses of each joint's axes, and of the tip, in the axes before; the link frames."""
     unknown = sorted(set(locked) - {step.joint.name for step in steps if step.joint is not None})
     if unknown:
         raise ConfigurationError("locked", unknown[0], "a joint between base and tip")

@@ -1,7 +1,7 @@
 """MJCF: the steps from a base body to a tip, as MuJoCo compiles them.
 
-MuJoCo interprets defaults, frames, rotations and optional limits. It gets only the kinematic elements, so it opens no
-mesh, no texture and no other file.
+MuJoCo interprets defaults, frames, rotations and optional limits. We pass only the kinematic elements to MuJoCo, so
+that it opens no mesh, no texture and no other file.
 """
 
 from __future__ import annotations
