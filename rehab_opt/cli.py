@@ -59,7 +59,7 @@ app.add_typer(study_app, name="study")
 app.command()(report)
 
 FifoOption = Annotated[
-    int | None, typer.Option(min=1, max=99, help="Real-time priority of the loop's thread (SCHED_FIFO).")
+    int | None, typer.Option(min=1, max=99, help="Real-time priority (SCHED_FIFO) of the loop's thread.")
 ]
 LogOption = Annotated[Path | None, typer.Option(help="Log every tick to this .mcap, for `replay` and Foxglove.")]
 Problem = Annotated[str, typer.Argument(metavar="FILE", help="A problem file, or the name of a shipped problem.")]
@@ -92,8 +92,8 @@ def run(
     file: Problem,
     *,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; default ./out/<problem>.")] = None,
-    solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the file's.")] = None,
-    law: Annotated[str | None, typer.Option(help="For an upper limb: published, optimised or both (default).")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the problem's.")] = None,
+    law: Annotated[str | None, typer.Option(help="Upper limb: published, optimised or both (default).")] = None,
     plant: Annotated[str | None, typer.Option(help="Robot: ideal, or mujoco (mass, servos, delays).")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run in the folder.")] = False,
     whole: Annotated[bool, typer.Option("--all", help="Print the whole table, not only the main numbers.")] = False,
@@ -102,9 +102,9 @@ def run(
     session: SessionOption = None,
     covariate: CovariateOption = None,
 ) -> None:
-    """Run a problem; print its table; write metrics.json, trace.csv and figures.
+    """Run a problem, print a table of results, and write metrics.json, trace.csv and figures to a folder.
 
-    If the folder has files of an earlier run, a new folder gets a number: figure_eight-2.
+    If the folder has files of an earlier run, a new folder with a number is made: figure_eight-2.
     """
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.report import free_folder, write_report  # noqa: PLC0415
@@ -137,10 +137,10 @@ def run(
 
 @app.command()
 def live(
-    file: Annotated[str | None, typer.Argument(metavar="FILE", help="As for run; or use --replay.")] = None,
+    file: Annotated[str | None, typer.Argument(metavar="FILE", help="As for run; none with --replay.")] = None,
     *,
-    plant: Annotated[str | None, typer.Option(help="Robot: ideal, or mujoco; default: the file's.")] = None,
-    solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the file's.")] = None,
+    plant: Annotated[str | None, typer.Option(help="Robot: ideal, or mujoco; default: the problem's.")] = None,
+    solver: Annotated[str | None, typer.Option(help="Solver of our controller; default: the problem's.")] = None,
     host: Annotated[str, typer.Option(help="Address of this machine for the page.")] = "127.0.0.1",
     replay: Annotated[Path | None, typer.Option(metavar="LOG", help="Show a log of `loop` or `live` instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any free port.")] = 0,
@@ -151,9 +151,9 @@ def live(
     session: SessionOption = None,
     covariate: CovariateOption = None,
 ) -> None:
-    """Run a problem in real time and print the address of its interactive page. Ctrl-C ends it.
+    """Run a problem in real time and print the address of its interactive page; Ctrl-C ends the run.
 
-    With --study, each time that the dead man's switch is held for at least a second is a trial.
+    With --study, each hold of the dead man's switch of at least one second is stored as a trial.
     """
     from rehab_opt.live.session import show_live  # noqa: PLC0415
 
@@ -198,11 +198,11 @@ def film(
     file: Problem,
     *,
     out: Annotated[Path | None, typer.Option(help="The .gif; default ./out/<problem>.gif.")] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length of the film, in the problem's time.")] = 8.0,
+    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Duration of the film in s.")] = 8.0,
     plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing .gif.")] = False,
 ) -> None:
-    """Write a film of the page of `live` for a problem without inputs."""
+    """Simulate a problem without user inputs and write a film of the picture on the page of `live`."""
     from rehab_opt.live.film import write_film  # noqa: PLC0415  (loads matplotlib)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -226,12 +226,12 @@ def loop(
     log: LogOption = None,
     fifo: FifoOption = None,
     gamepad: Annotated[
-        Path | None, typer.Option(metavar="DEVICE", help="Such as /dev/input/js0; button 4 is the dead man's switch.")
+        Path | None, typer.Option(metavar="DEVICE", help="Gamepad, /dev/input/js0; button 4: dead man's switch.")
     ] = None,
     plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
     solver: Annotated[str | None, typer.Option(help="As for run.")] = None,
 ) -> None:
-    """Run a problem in real time on its simulated robot or device, and report the timing."""
+    """Run a problem in real time on its simulated or real robot, and report the timing."""
     from rehab_opt.loop.of_problem import run_in_time  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -250,11 +250,11 @@ def loop(
 def delay(
     file: Problem,
     *,
-    joint: Annotated[int, typer.Option(min=1, help="Joint, from 1, that swings by 9 degrees each way.")] = 1,
+    joint: Annotated[int, typer.Option(min=1, help="Number, from 1, of the joint that swings by 9 deg each way.")] = 1,
     plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
     fifo: FifoOption = None,
 ) -> None:
-    """Swing one joint of a problem's robot for 4 s and print the robot's delay."""
+    """Swing one joint of a problem's robot for 4 s and print the measured delay of the robot."""
     from rehab_opt.loop.of_problem import delay_of  # noqa: PLC0415  (loads solvers)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -264,7 +264,7 @@ def delay(
 
 @app.command()
 def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of `loop` or `live`.")]) -> None:
-    """Compute every command of a log again from the logged inputs. Exit code 1 if one differs."""
+    """Compute every command of a log again from the logged inputs; exit code 1 if a command differs."""
     from rehab_opt.loop.logged import read_log  # noqa: PLC0415
     from rehab_opt.loop.of_problem import replay_problem  # noqa: PLC0415
 
@@ -272,7 +272,7 @@ def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of 
     again = replay_problem(logged)
     if not logged.whole:
         say("the log is incomplete: its disk was full, or its writer was killed")
-    say(f"{again.same} of {again.ticks} commands are equal, to {again.worst:.1e}")
+    say(f"{again.same} of {again.ticks} commands are equal; their largest difference is {again.worst:.1e}")
     if again.first:
         versions = ", ".join(
             f"{name} {logged.about[name]}" for name in ("rehab_opt", "numpy", "casadi") if name in logged.about
@@ -283,7 +283,7 @@ def replay(log: Annotated[Path, typer.Argument(metavar="LOG", help="An .mcap of 
 
 @app.command(name="list")
 def list_problems() -> None:
-    """List the shipped problems, and whether their recordings are present."""
+    """List the shipped problems, and whether their recordings are on this machine."""
     from rich.table import Column, Table  # noqa: PLC0415
 
     from rehab_opt.session.files import recording_state, shipped_problems  # noqa: PLC0415
@@ -300,7 +300,7 @@ def keys(
         str, typer.Argument(help="A `system` of problem files; or robot, for robot files.", metavar="SYSTEM")
     ],
 ) -> None:
-    """Print every key of a system's problem files: meaning, values and default."""
+    """Print the keys of a system's problem files, each with its meaning, values and default."""
     from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Column, Table  # noqa: PLC0415
 
@@ -335,9 +335,9 @@ def check(
     ] = None,
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace existing pictures.")] = False,
-    whole: Annotated[bool, typer.Option("--all", help="Print every note, also similar ones.")] = False,
+    whole: Annotated[bool, typer.Option("--all", help="Print all notes, also similar ones.")] = False,
 ) -> None:
-    """Check a problem file and its recordings; print the range of motion in goniometer angles."""
+    """Check a problem file and its recordings, and print the arm's range of motion in goniometer angles."""
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
     from rehab_opt.session.systems import NotMet  # noqa: PLC0415
 
@@ -375,14 +375,14 @@ def check(
 def place(
     file: Problem,
     out: Annotated[
-        Path | None, typer.Option(help="Write the problem file with these keys here; default: only print them.")
+        Path | None, typer.Option(help="Problem file to write with the found keys; default: only print the keys.")
     ] = None,
-    seats: Annotated[int, typer.Option(min=20, help="Number of random seats; more follow near the best.")] = 600,
+    seats: Annotated[int, typer.Option(min=20, help="Number of random seats to try before refining the best.")] = 600,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random seats.")] = 0,
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Search seat, direction, grip and start for a mirrored recording; print the keys and the result of `run`."""
+    """Search seat, direction, grip and start for a mirror problem; print them as keys, with the result of a run."""
     from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
     from rehab_opt.session.mirror.placing import (  # noqa: PLC0415
         found_place,
@@ -426,12 +426,12 @@ def score(
     columns: Annotated[str | None, typer.Option(help="Columns of x, y (and z), by name or number.")] = None,
     marker: Annotated[str | None, typer.Option(help="The hand's marker in motion capture, or its number.")] = None,
     time_column: Annotated[str | None, typer.Option(help="Column of times in a .csv.")] = None,
-    rate_hz: Annotated[float | None, typer.Option(help="Sampling rate, in place of the file's times.")] = None,
+    rate_hz: Annotated[float | None, typer.Option(help="Sampling rate that replaces the file's times.")] = None,
     units: Annotated[
-        str | None, typer.Option(help="Units of length, angle and time in place of the file's, such as mm,deg,us.")
+        str | None, typer.Option(help="Units of length, angle and time that replace the file's, such as mm,deg,us.")
     ] = None,
     up: Annotated[str | None, typer.Option(help="Axis that points up: y, -z, ...; default z.")] = None,
-    window_s: Annotated[str | None, typer.Option(help="from,to in s after the first sample; default all.")] = None,
+    window_s: Annotated[str | None, typer.Option(help="Window from,to in s after the first sample.")] = None,
     trials: Annotated[
         str | None, typer.Option(help="Column of a .csv with trial numbers; event(s) of a .c3d: begin or begin,end.")
     ] = None,
@@ -440,14 +440,14 @@ def score(
     count_mm: Annotated[float | None, typer.Option(help="Millimetres per raw count, or per unit of a .c3d.")] = None,
     tick_ms: Annotated[float | None, typer.Option(help="Milliseconds per raw count of time.")] = None,
     target: Annotated[str | None, typer.Option(help="Target of each movement: x,y(,z) in m.")] = None,
-    pause: Annotated[float | None, typer.Option(help="Rest in s that ends a trial; default: one per file.")] = None,
+    pause: Annotated[float | None, typer.Option(help="Rest in s between trials; default: one trial a file.")] = None,
     repeats: Annotated[
-        bool, typer.Option("--repeats", help="All trials repeat one movement: also measure their variability.")
+        bool, typer.Option("--repeats", help="All trials repeat one movement: measure their variability, too.")
     ] = False,
     cutoff: Annotated[float, typer.Option(help="Cut-off of the low-pass filter, in Hz.")] = 10.0,
     threshold: Annotated[float, typer.Option(help="Fraction of the peak speed at which a movement begins.")] = 0.05,
     range_of_motion: Annotated[
-        bool, typer.Option("--range-of-motion", help="Print joint angles as keys of a problem file's arm instead.")
+        bool, typer.Option("--range-of-motion", help="Print only the range of joint angles, as keys of an arm.")
     ] = False,
     out: Annotated[Path | None, typer.Option(help="A .csv; default: standard output.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing .csv.")] = False,
@@ -456,9 +456,9 @@ def score(
     session: SessionOption = None,
     covariate: CovariateOption = None,
 ) -> None:
-    """Measure the trials of recordings: movement time, speed, smoothness, path, range; one CSV row per trial.
+    """Measure movement time, speed, smoothness, path and range of recorded trials; print one CSV row per trial.
 
-    Notes on gaps, noise and rest go to the error stream. rehab_opt.measures has the formulas.
+    Notes on gaps, noise and rest are printed on the error stream. The module rehab_opt.measures has the formulas.
     """
     from rehab_opt.recordings.tables import SEPARATORS  # noqa: PLC0415
     from rehab_opt.session.scoring import range_of_motion_keys, score_recordings, write_rows  # noqa: PLC0415
@@ -521,7 +521,7 @@ def many(
         Path, typer.Argument(metavar="TABLE_OR_FOLDER", help="A .csv, or a folder with a problem file per participant.")
     ],
     problem: Annotated[
-        str | None, typer.Option(help="Problem that the table's rows change; default upper_limb/workspace.")
+        str | None, typer.Option(help="Problem that the table's rows modify; default upper_limb/workspace.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; default ./out/many/<name>.")] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes; default: one per core.")] = None,
@@ -530,10 +530,10 @@ def many(
     study: StudyOption = None,
     session: SessionOption = None,
 ) -> None:
-    """Run a problem for many participants; write a folder for each and results.csv.
+    """Run a problem for many participants; write a folder for each participant, and results.csv.
 
-    Finished participants are skipped, so an interrupted run can be continued. With --study results also go into the
-    study, under --session or the table's column. Exit code 1 if some rows failed: results.csv has the reasons.
+    Finished participants are skipped, so an interrupted run can be continued. With --study, results are also stored in
+    the study, in the session of --session or of the table's column. Exit code 1: some rows failed, see results.csv.
     """
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
     from rehab_opt.session.many.results import counted, failed_table  # noqa: PLC0415
@@ -572,10 +572,10 @@ def export_controller(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the C files; created if missing.")],
     memory: Annotated[
         int | None,
-        typer.Option(metavar="BYTES", help="Largest size of the C struct; default of a mirror: 96000."),
+        typer.Option(metavar="BYTES", help="Largest size of the controller's C struct; mirror default: 96000."),
     ] = None,
 ) -> None:
-    """Write a problem's controller as C: source, header, and a recorded run for comparison; print how to build it."""
+    """Write a problem's controller as C source and header, with a recorded run to compare; print how to build it."""
     from rehab_opt.export.export_c import export_c  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 

@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 MAX_OF_A_VALUE = 120  # characters of a value in an error message
-COMPILING = "compiling, once on this machine, 5 to 60 s a function (REHAB_OPT_COMPILE=0 starts without)"
+COMPILING = "compiling functions, once on this machine, 5 to 60 s each (REHAB_OPT_COMPILE=0 runs without compiling)"
 BETWEEN_LINES = 60.0
 """Time [s] between two progress lines if the error stream is not a terminal."""
 

@@ -251,7 +251,7 @@ function plot(p, now) {
 }
 function shown() {
   $("deadman").disabled = !commands; $("deadman").classList.toggle("on", inputs.enable);
-  $("deadman").textContent = !commands ? (scene ? (scene.logged ? "A log: nothing to command" : "Another tab commands") : "Starting") : inputs.enable ? "Enabled: press to release" : "Press to enable (or hold the space bar)";
+  $("deadman").textContent = !commands ? (scene ? (scene.logged ? "A log is shown" : "Another tab commands") : "Starting") : inputs.enable ? "Enabled: press to release" : "Press to enable (or hold the space bar)";
   for (const each of document.querySelectorAll("#dragging button, #faults select, #faults input, #sticking button")) each.disabled = !commands;
 }
 const good = ["ok", "backup"], stopped = ["braking", "holding", "releasing", "released", "lost"];
@@ -260,7 +260,7 @@ function show(message) {
   $("wait").hidden = true;
   const w = message.words, state = stopped.includes(w.status) ? "stop" : good.includes(w.status) && !w.relaxed ? "ok" : "warn";
   $("status").textContent = w.status; $("status").className = state;
-  $("reason").textContent = [w.reason, w.relaxed && "gave way: " + w.relaxed].filter(Boolean).join(" · ") || (w.status === "ok" ? "every bound certified" : "");
+  $("reason").textContent = [w.reason, w.relaxed && "relaxed: " + w.relaxed].filter(Boolean).join(" · ") || (w.status === "ok" ? "every bound certified" : "");
   $("mode").textContent = w.mode ? "stick: " + w.mode : ""; $("clock").textContent = message.late;
   if (inputs.enable && message.lapsed) { inputs.enable = false; $("why").textContent = message.lapsed; shown(); }
   const h = frame.handles && frame.handles.hand;

@@ -214,7 +214,7 @@ class Loop:
 
     def _too_old(self, age: float) -> str:
         if age < 0.0:
-            return f"the measured state is of a time {-1e3 * age:.0f} ms ahead: its stamp is on another clock"
+            return f"the measured state's time stamp is {-1e3 * age:.0f} ms ahead: is it on another clock?"
         return f"the measured state is {1e3 * age:.0f} ms old, at most {1e3 * self.max_age:.0f} ms"
 
     def _tell_lost(self, run: _Run, reason: str) -> None:

@@ -378,8 +378,8 @@ class PoseTrackingScene(Scene):
         fractions["the posture nearly singular"] = np.mean(values[:, min(free, 6) - 1] < SINGULAR)
         causes = [f"{cause} ({fraction:.0%})" for cause, fraction in fractions.items() if fraction >= OFTEN]
         causes += [f"an arm of {free} joints, which cannot hold every orientation"] if free < 6 else []
-        bodies = ": is the path free?" if self.problem.clearance is not None else ""
-        otherwise = f"no joint was at its own limit, and the posture was not singular{bodies}"
+        bodies = "; do the bodies block the path?" if self.problem.clearance is not None else ""
+        otherwise = f"no joint was at a limit, and the posture was not singular{bodies}"
         k = int(np.argmax(np.maximum(error / BEHIND, turned / TURNED)))
         return NotMet(
             f"NOT FOLLOWED: for {behind.mean():.0%} of the time the tool was more than {MM * BEHIND:g} mm or "

@@ -1,4 +1,4 @@
-"""`rehab-opt study list | show | compare | export | remove` and `report`: the content of a study and its exports."""
+"""The commands `rehab-opt study list | show | compare | export | remove` and `rehab-opt report`."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "report"]
 
-app = typer.Typer(help="A study's people, sessions and trials, in one folder.", no_args_is_help=True)
+app = typer.Typer(help="Show, export or remove the people of a study, a folder of trials.", no_args_is_help=True)
 
 StudyFolder = Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of the study.")]
-Somebody = Annotated[str | None, typer.Option("--person", help="One person; everybody by default.")]
+Somebody = Annotated[str | None, typer.Option("--person", help="Only this person; default: all people.")]
 MAX_LISTED = 40
-"""Largest number of table rows in a terminal; `export` writes all of them."""
+"""Largest number of measures printed in a terminal; `export` writes all measures."""
 
 
 @app.command(name="list")
 def list_people(study: StudyFolder) -> None:
-    """Print all people: group, sessions, trials, last day."""
+    """Print all people of a study: group, numbers of sessions and trials, last day."""
     from rehab_opt.study.summary import people  # noqa: PLC0415
 
     with _open(study) as store:
@@ -37,7 +37,7 @@ def list_people(study: StudyFolder) -> None:
 
 @app.command()
 def show(study: StudyFolder, person: Somebody = None) -> None:
-    """Print the size of a study; for one person the sessions, and the measures of the first and the last session."""
+    """Print the size of a study; for one person, the sessions and the measures of the first and last session."""
     from rich.table import Table  # noqa: PLC0415
 
     from rehab_opt.study.summary import check_there, interval, overview, quantities, session_means, sessions  # noqa: PLC0415
@@ -69,7 +69,7 @@ def compare(
     measure: Annotated[str, typer.Option(help="Name of a measure, as in `show`.")],
     person: Somebody = None,
 ) -> None:
-    """Compare a measure between groups and conditions: means over people, each counted once, and their trends."""
+    """Compare a measure between groups and conditions: means and trends over people, each counted once."""
     from rich.table import Table  # noqa: PLC0415
 
     from rehab_opt.study import summary  # noqa: PLC0415
@@ -92,11 +92,11 @@ def compare(
 @app.command()
 def export(
     study: StudyFolder,
-    out: Annotated[Path, typer.Option(help="Folder, new or empty.")],
+    out: Annotated[Path, typer.Option(help="Folder of the files, new or empty.")],
     person: Somebody = None,
-    format: Annotated[str, typer.Option("--format", help="csv, parquet.")] = "csv",
+    format: Annotated[str, typer.Option("--format", help="csv; or parquet, in addition to csv.")] = "csv",
 ) -> None:
-    """Write measures.csv in long format; for one person the whole content of the study."""
+    """Write all measures to measures.csv, one value per row; for one person, also copy the person's folder."""
     from rehab_opt.study.person import exported  # noqa: PLC0415
 
     one_of("--format", format, ("csv", "parquet"))
@@ -108,10 +108,10 @@ def export(
 @app.command()
 def remove(
     study: StudyFolder,
-    person: Annotated[str, typer.Option("--person", help="Whose sessions, trials and traces are to be deleted.")],
-    yes: Annotated[bool, typer.Option("--yes", help="Delete without a question.")] = False,
+    person: Annotated[str, typer.Option("--person", help="Person whose sessions, trials and traces are deleted.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Delete without asking.")] = False,
 ) -> None:
-    """Delete one person: their folder, results of their runs elsewhere, and exports and reports that include them."""
+    """Delete a person's folder, results of the person's runs elsewhere, and exports and reports with the person."""
     from rehab_opt.study.person import removed  # noqa: PLC0415
 
     with _open(study) as store:
@@ -121,20 +121,20 @@ def remove(
             kept, others = removed(store, person)
     say(f"{person} is deleted")
     for path in others:
-        say(f"- everybody's, with them in it, is deleted, too; write it again: {path}")
+        say(f"- also deleted, since it covers all people; write it again: {path}")
     for path in kept:
-        say(f"- a recording of theirs stays, it was not the study's: {path}")
+        say(f"- a recording of theirs stays, since it is not part of the study: {path}")
 
 
 def report(
     study: StudyFolder,
     person: Somebody = None,
     out: Annotated[
-        Path | None, typer.Option(help="The page; STUDY-report.html or STUDY-PERSON-report.html by default.")
+        Path | None, typer.Option(help="File of the page; default: STUDY-report.html or STUDY-PERSON-report.html.")
     ] = None,
-    pdf: Annotated[Path | None, typer.Option(help="The page as PDF, too; chromium prints it.")] = None,
+    pdf: Annotated[Path | None, typer.Option(help="Also print the page to this .pdf, with chromium.")] = None,
 ) -> None:
-    """Write a study, or one person of it, as one page: progress, workspace, best and worst trials, forces, safety."""
+    """Write a report of a study or of one person as an HTML page: progress, workspace, best trials, forces, safety."""
     from rehab_opt.study.person import note_written  # noqa: PLC0415
     from rehab_opt.study.report import report_html, write_pdf  # noqa: PLC0415
     from rehab_opt.study.store import private  # noqa: PLC0415

@@ -22,7 +22,7 @@ __all__ = [
     "session_of",
 ]
 
-StudyOption = Annotated[Path | None, typer.Option("--study", metavar="FOLDER", help="Study that the trials go into.")]
+StudyOption = Annotated[Path | None, typer.Option("--study", metavar="FOLDER", help="Study to store the trials in.")]
 PersonOption = Annotated[str | None, typer.Option("--person", help="Pseudonym of the person, with --study.")]
 SessionOption = Annotated[str | None, typer.Option("--session", help="Name of the session, with --study.")]
 CovariateOption = Annotated[

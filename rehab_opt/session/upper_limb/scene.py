@@ -234,25 +234,25 @@ def _published(chosen: Mapping[str, float], *, winds_up: bool) -> Iterator[str]:
     )
     if winds_up:
         yield (
-            "the published controller winds up: after a sample out of its reach its joints may stay at their limits, "
-            "and miss samples within reach"
+            "the published controller winds up: after a sample out of reach, its joints may stay at their limits and "
+            "miss samples within reach"
         )
 
 
 def _law_notes(law: str, of: Mapping[str, Any], samples: int) -> Iterator[str]:
     """Notes on samples without an "ok" status, on joints that are too fast, and on the tilt of the handle."""
     for reason, count in of["reasons"].items():
-        yield f"the {law} law, {count} of {samples} samples: {reason}"
+        yield f"the {law} controller, {count} of {samples} samples: {reason}"
     if (ratio := of["joint_speed_max_fraction_of_limit"]) > 1:
         yield (
             f"the {law} controller moves {of['joint_speed_max_joint'].replace('_', ' ')} at {ratio:.1f} times its "
-            f"speed limit: a drive takes {of['drive']['delay_s']:.3g} s longer than the recording"
+            f"speed limit: the drive takes {of['drive']['delay_s']:.3g} s longer than the recording"
         )
     tilt, limit = of["drive"]["handle_tilt_max_deg"], of["handle_tilt_limit_deg"]
     if tilt > limit + DRIVEN_DEG:
         yield (
-            f"HANDLE BEYOND ITS TILT: driven along the {law} controller's joints it tilts by up to {tilt:.3g} deg, "
-            f"{limit:g} allowed; between two samples that are far apart no controller bounds it"
+            f"HANDLE BEYOND ITS TILT: driven along the {law} controller's joints, the handle tilts by up to {tilt:.3g} "
+            f"deg, {limit:g} deg are allowed; no controller limits the tilt between two samples that are far apart"
         )
 
 

@@ -147,8 +147,8 @@ def _outside(name: str, path: Array, start: str, space: Workspace) -> Iterator[s
     away = ~np.asarray(space.contains(path))
     if away.any():
         yield NotMet(
-            f"{name}: {100 * away.mean():.1f} % of its samples lie outside {start}; the nearest point of the set "
-            "is mapped in their place"
+            f"{name}: {100 * away.mean():.1f} % of the samples lie outside {start}; for each of them, the nearest "
+            "point of the set is mapped"
         )
 
 
@@ -225,7 +225,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         """Caption of the table: the areas of both sets, and the meaning of "passed"."""
         sets = outcome.metrics["sets"].values()
         areas = "; ".join(f"{numbers['name']} {1e4 * numbers['area_m2']:.4g} cm^2" for numbers in sets)
-        return f"{areas}. Passed: the map may go to a controller; the notes say why one is refused"
+        return f"{areas}. Passed: a controller may use the map; if not, the notes give the reasons"
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Read the trajectories and compute both sets; report samples outside their set."""

@@ -85,7 +85,7 @@ def handle_words(section: ArmInPlane) -> str:
     """Text with the limit of the handle's tilt."""
     tilt = section.handle_tilt_deg
     return (
-        "the handle may tilt any way" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
+        "the handle may tilt freely" if isinstance(tilt, str) else f"the handle within {tilt_words(tilt)} of vertical"
     )
 
 

@@ -185,7 +185,7 @@ def plane_notes(section: ArmInPlane, spaces: Mapping[str, Workspace]) -> Iterato
             yield f"{name}: EMPTY, {workspace.reason}"
         elif workspace.accuracy > WORSE * 1e-3 * section.accuracy_mm:
             yield (
-                f"{name}: its boundary could be confirmed to {1e3 * workspace.accuracy:.3g} mm only, "
+                f"{name}: the boundary was confirmed to {1e3 * workspace.accuracy:.3g} mm only, "
                 f"{section.accuracy_mm:g} mm were required"
             )
     if any(section.shoulder_m) or section.shoulder_turn_deg:
