@@ -125,11 +125,11 @@ class ArmIK(OneThread):
     posture_cost : weights of `PostureCost`.
     rest : (n,) [rad] rest posture; None for the arm's own.
     solver, backup : "sqp" (ours, compiled), "sqpmethod", "ipopt", "fatrop".
-    tolerance : largest certificate residual, in m, rad and scaled cost.
-    starts : number of start postures if `solve` gets no `start`.
-    nearest_starts : number of start postures in the search for the nearest reachable position.
+    tolerance : largest certificate residual.
+    starts, nearest_starts : number of start postures without a `start`, and for the nearest reachable position.
+
     table_size : number of postures from which the start postures are picked.
-    compile : see `BufferedFunction`; a new geometry compiles once, in two seconds.
+    compile : see `BufferedFunction`.
     """
 
     def __init__(

@@ -1,7 +1,6 @@
 """Plan postures of a person's arm along a whole recorded path of hand poses.
 
-An arm that always moves to the nearest posture may end at a joint limit where another posture could continue. Many
-tracks of postures therefore follow the path from different starts, and dynamic programming finds the best sequence. To
+Many tracks of postures follow the path from different starts, and dynamic programming finds the best sequence. To
 change its posture, the arm moves straight through joint space while the recording waits.
 """
 

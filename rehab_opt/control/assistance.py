@@ -26,8 +26,8 @@ __all__ = ["Assistance"]
 class Assistance(BoundedForce):
     """Force on a hand [N] from a field, gated by a workspace and bounded as in `BoundedForce`.
 
-    In the therapy modes ("stretch", "assist", "resist") the desired force is zero inside the comfortable workspace.
-    Inside the workspace the delivered force never grows, and falls to zero within force_limit / slew_limit seconds.
+    Inside the comfortable workspace the force of a therapy mode ("stretch", "assist", "resist") never grows, and falls
+    to zero within force_limit / slew_limit seconds.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ def assistance_statement() -> Statement:
 
     The parameters, all in N, are the desired force (2,), which is within the ceiling, the ceiling, the step and the
     force limit. The memory is the last force. The rows are tangents of both discs at the closed-form answer, so the
-    multipliers certify the answer for the discs. A solver's answer outside the discs is shortened afterwards.
+    multipliers certify the answer for the discs.
     """
     desired, last = parameter("desired", 2), parameter("last", 2)
     ceiling, step, force_limit = (parameter(name, 1) for name in ("ceiling", "step", "force_limit"))

@@ -93,7 +93,7 @@ class BoundedForce(OneThread):
     actuation_delay : [s] sum of the delays from a command to its force and from a position to `step`.
     actuation_lag : [s] time constant at which the acting force follows the command.
     actuation_uncertainty : [s] by which delay and lag may each be larger. The energy count considers all forces of the
-        last delay + 5 lag, or only the last command if delay, lag and uncertainty are zero.
+        last delay + 5 lag.
     position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
         learnt within 0.2 s, up to 1.2 mm. A noisy velocity makes the energy count wrong: pass a filtered one.
     velocity_lag : [s] lag of the velocity that is estimated if none is passed; half a tick is added.

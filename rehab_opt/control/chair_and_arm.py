@@ -44,8 +44,8 @@ class ChairAndArm(VelocityController):
          -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
          as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (see the module) satisfy them
 
-    - u: joint velocities, the chair's in the chassis frame (forward, left, turn). There W and the arm's Jacobian do not
-      depend on the chair's position, and the rolling row, Eq. 4, is a left speed of zero.
+    - u: joint velocities, the chair's in the chassis frame (forward, left, turn). There the rolling row, Eq. 4, is a
+      left speed of zero.
     - r: commanded twist; w: the part of the last hand motion off r that is still allowed; e: the remaining deviation.
     - z = q + T u: stop posture if all joints now brake together, see `BrakingTogether`. J: Jacobian at mid-tick.
     - t: Eq. 1, or the answer nearest to it that the accelerations allow (`HandTask`).

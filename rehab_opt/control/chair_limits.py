@@ -78,7 +78,7 @@ class ChairLimits:
     If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
     accelerations allow. A command that violates an obstacle, a keep-out or a user's limit is blended with braking, and
     if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit. While the stick commands a
-    motion, `base` moves away from approaching bodies, which may exceed the acceleration limit.
+    motion, the fallback command `base` moves away from approaching bodies.
 
     Parameters
     ----------

@@ -38,10 +38,9 @@ TIGHTER = 1e-7
 class ChairObstacles:
     """Rows on the chair's velocity (3,), in its own frame, for one obstacle from `obstacle_numbers`.
 
-    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes; a negative one makes the chair
-    brake harder. A wall has rows for its two nearest corners: one at the current posture, one on the way to the stop
-    posture. A post has a row at the outline's nearest point now, and rows for its path past the braking chair, half-way
-    and at the end.
+    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes. A wall has rows for its two
+    nearest corners: one at the current posture, one on the way to the stop posture. A post has a row at the outline's
+    nearest point now, and rows for its path past the braking chair, half-way and at the end.
 
     Parameters
     ----------

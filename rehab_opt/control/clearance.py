@@ -28,9 +28,8 @@ class Clearance:
 
     grad d . q' + n . (-v) >= -rate (d - margin)
 
-    with n the direction from body to link and v the velocity of the body's nearest point. The QP has rows for the
-    `max_contacts` contacts nearest to their barriers; all pairs are checked at the end of the tick. The following holds
-    if joints move as commanded and moving bodies move as passed.
+    with n the direction from body to link and v the velocity of the body's nearest point. The following holds if joints
+    move as commanded and moving bodies move as passed.
     - Fixed bodies: no pair comes nearer than `margin`, and a pair that is already nearer gets no nearer, also while
       braking.
     - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no

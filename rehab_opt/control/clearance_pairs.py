@@ -131,8 +131,7 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Function: q, last velocity, moving capsules, time -> column of the contacts with the least room, see `read`.
 
-        The last entry is the least distance of all pairs at q minus the margin. Contacts are computed at half of the
-        time.
+        The last entry is the least distance of all pairs at q minus the margin.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)

@@ -106,8 +106,8 @@ class Conditioner(OneThread):
 
     Positions and rotations are interpolated linearly at even ticks. Then each coordinate, also of the quaternion,
     passes a low-pass filter of two equal poles. Sight counts as lost between samples more than `max_gap` apart, and if
-    the hand would have moved faster than possible; then the filter restarts. Lost ticks are returned once sight is
-    back. After a jump of the stamps by more than 600 s, times continue from there.
+    the hand would have moved faster than possible; then the filter restarts. After a jump of the stamps by more than
+    600 s, times continue from there.
 
     Parameters
     ----------

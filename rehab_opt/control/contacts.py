@@ -1,8 +1,8 @@
 """Nearest contacts of two bodies as expressions: capsule and capsule, capsule and box, ball and half-space.
 
 The distance of two parallel segments is not smooth: a small tilt moves the nearest point from one end to the other. So
-each function returns several contacts: the nearest points, and the points at which two parallel bodies would touch
-first after a tilt. QP rows on all contacts avoid the chatter of a row on the nearest contact alone.
+each function also returns the points at which two parallel bodies would touch first after a tilt. QP rows on all
+contacts avoid chatter.
 
 A contact is a column of `CONTACT` numbers: distance [m]; unit normal (3,), from the other body towards the first;
 moment p x normal (3,) [m] with the contact point p; velocity of the other body's point along the normal [m/s]. A
@@ -143,8 +143,7 @@ def capsule_and_box(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Distance [m] of a capsule and a box, room [m] of their nearest contact, contacts (9, 5) with room.
 
-    If the segment cuts the box, the distance is minus the shortest translation out of the box, minus `radius`. The
-    contact then points out through the nearest face of the box at the deepest cut.
+    If the segment cuts the box, the distance is minus the shortest translation out of the box, minus `radius`.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ def damped_velocity(
     damping: ca.SX | float = DAMPING,
     passes: int = PASSES,
 ) -> ca.SX:
-    """Joint velocities (n,) by iterated damped least squares: J'(K^-1 + d K^-2 + ...) v with K = J J' + d I.
+    """Joint velocities (n,) J'(K^-1 + d K^-2 + ...) v with K = J J' + d I, by iterated damped least squares.
 
     J is the Jacobian, v the twist, d the damping. The part of `drift` (n,) that does not move the hand is added.
     """

@@ -50,7 +50,7 @@ class EnergyTank:
     The work F.dx of a force F is known only after the displacement dx. While positions are missing or repeat exactly,
     the largest energy that a hand within `speed_cap` could have drawn is reserved. The next position replaces this
     reserve by the measured work, unless a jump follows at once. Energy that the hand puts in is added, up to the
-    budget, if every step was measured.
+    budget.
 
     A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a step dx costs the
     largest F.dx over the forces of the window, plus a tail. `ceiling` is the largest force F that leaves enough energy
@@ -58,8 +58,8 @@ class EnergyTank:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    So a hand below the speed cap never draws more than the budget. Each method returns the next tank. Order in a tick:
-    `elapsed` with the last command, then `seen` or `jumped`, or neither.
+    So a hand below the speed cap never draws more than the budget. Each method returns the next tank; call `elapsed`
+    with the last command, then `seen` or `jumped`, or neither.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@
 
 Here led is the commanded position, which delay and noise do not disturb. [low, high] is the low-passed range of led
 over the last LATE to 2 LATE, relative to led now. A servo with a delay or lag of up to LATE keeps its joint in this
-range. At rest the range is empty, so the commanded position moves to the encoder.
+range; at rest the range is empty.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Gate of assistance as functions for Python and C: Eq. 23 of Rossa et al. and its counterpart of section VI."""
+"""Gate of assistance as functions for Python and C, after Eq. 23 and section VI of Rossa et al."""
 
 from __future__ import annotations
 
@@ -69,10 +69,9 @@ def numbers_of(field: PotentialField) -> Array:
 def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Function:
     """Function of the desired force: the field, gated by the mode.
 
-    The modes stretch, assist and resist give zero force inside the comfortable workspace; outside it the field grows to
-    full size over the onset. The modes follow and hold apply the field inside; outside, a bounded force pulls the hand
-    back to the nearest comfortable point. A NaN offset of the field gives NaN. The field's pull is limited to
-    `pull_limit` [N] before the damping is subtracted.
+    The modes stretch, assist and resist apply the field outside the comfortable workspace, growing over the onset. The
+    modes follow and hold apply the field inside; outside, a bounded force pulls the hand back. A NaN offset of the
+    field gives NaN. The field's pull is limited to `pull_limit` [N] before the damping is subtracted.
 
     Inputs: position [m] and velocity [m/s] of the hand (4,), offset of the field (2,) [m], `GATE`, `edge_columns` of
     the workspace, `FIELD`, its samples (`in_blocks`: for `field_function_in_blocks`). Output: desired force (2,) [N].

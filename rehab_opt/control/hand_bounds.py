@@ -38,7 +38,7 @@ class HandBounds:
 
     @property
     def limits(self) -> list[Limit]:
-        """The floor, and one limit for each plane."""
+        """Manipulability floor, and one limit for each plane."""
         return [
             _Floor(self._above_floor, max_manipulability=self.max_manipulability),
             *(Limit(partial(self._above, plane)) for plane in self.planes),

@@ -196,7 +196,7 @@ class HandTask:
         return Row(ca.densify(then), lower - fixed, upper - fixed)
 
     def _kept_aside(self, joints: ca.SX, gradient: ca.SX, size: ca.SX) -> ca.SX:
-        """Factor on the joint speeds near a singular posture, see `ASIDE`; 1 if self-motion remains."""
+        """Factor on the joint speeds near a singular posture, see `ASIDE`."""
         if self.moving[0] < CHAIR or not {"x", "y", "z"} <= set(self.rows):
             return ca.SX(1)
         worth = 1 / ca.mmax(ca.fabs(joints) / self.robot.chain.velocity[self.moving])

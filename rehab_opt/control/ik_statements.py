@@ -4,8 +4,8 @@
     nearest   min distance^2          s.t.                      handle within its tilt of vertical, joint limits
     upright   min 1 - x_n . z_0       s.t.                                                          joint limits
 
-Here x_n is the handle's axis and z_0 the vertical. Euler angles are avoided, since those of Rossa et al. (Eqs. 4 and 5)
-are singular where the handle is upright.
+Here x_n is the handle's axis and z_0 the vertical. The Euler angles of Rossa et al. (Eqs. 4 and 5) are singular for an
+upright handle.
 """
 
 from __future__ import annotations

@@ -7,9 +7,8 @@ The admittance is passive: its step is implicit, and projections onto convex set
 
 A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, adds up the work of
 the measured forces. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`, with the hand's motion dy relative to
-its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows, until the hand hardly responds
-to forces but still returns, which fills the tank. So a hand delivers at most reserve + 0.02 W t within a time t from
-rest, plus energy under way when the tank ran empty.
+its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows. So a hand delivers at most
+reserve + 0.02 W t within a time t from rest, plus energy under way when the tank ran empty.
 """
 
 from __future__ import annotations
@@ -57,10 +56,10 @@ FINE, INVALID, AT_LIMIT = range(3)
 class Interaction:
     """Admittance of a robot hand, M x'' + B x' + K x = F, with slowing of its reference and a stop of the arm.
 
-    The hand's QP follows the pose and twist plus displacement x and velocity x', so all bounds of the QP hold.
-    Displacement that the bounds refuse beyond `SLACK` is removed from x, and the hand returns from its actual position.
-    The reference slows down from the force `slow_from` and stands still at `limit`. At `stop_at`, or without a valid
-    force, the arm decelerates to rest. The arm continues after `hold` seconds below `release` x `stop_at`.
+    The hand's QP follows the pose and twist plus displacement x and velocity x'. Displacement that the bounds refuse
+    beyond `SLACK` is removed from x. The reference slows down from the force `slow_from` and stands still at `limit`.
+    At `stop_at`, or without a valid force, the arm decelerates to rest. The arm continues after `hold` seconds below
+    `release` x `stop_at`.
 
     ISO/TS 15066 is quoted with 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
     distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected.

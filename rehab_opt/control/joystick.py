@@ -63,7 +63,7 @@ class Joystick(OneThread):
 
     A round dead zone suppresses tremor; beyond it the speed grows from zero. The deflection follows the stick at
     `rate`; a released stick stops at once, within the resolver's accelerations. At the beginning, after a change of
-    mode and after a fault, the stick must first return to the centre. An object belongs to one thread, see `OneThread`.
+    mode and after a fault, the stick must first return to the centre.
 
     Parameters
     ----------

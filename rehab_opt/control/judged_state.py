@@ -48,9 +48,8 @@ def judged_state(
     """Function: positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
 
     The commanded positions replace the measured ones. After a pause of the stamps the joints restart at rest at their
-    measured positions, unless they have continued as commanded. A command that jumps to rest is flagged
-    (`Relaxed.ACCELERATION`). The memory of a resting robot that is not enabled is cleared: the robot may be moved by
-    hand, and this acknowledges a fault.
+    measured positions, unless they have continued as commanded. The memory of a resting robot that is not enabled is
+    cleared: the robot may be moved by hand.
 
     Parameters
     ----------

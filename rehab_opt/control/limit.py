@@ -415,8 +415,8 @@ def kept_within(
 ) -> ca.SX:
     """(n,) `rest`, moved limit by limit towards the end of an interval that satisfies the limit, as far as needed.
 
-    Motion that still violates a limit is removed along that limit's slope, within the `outer` ends. If this removal is
-    not enough, all joints are slowed alike.
+    Motion that still violates a limit is removed along its slope, within the `outer` ends, or else by slowing all
+    joints alike.
     """
     (lower, upper), (slopes, free, hard) = ends, now
     u = rest

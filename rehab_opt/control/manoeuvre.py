@@ -5,7 +5,7 @@ velocities v this leads along a straight line in joint space to the stop posture
 
     stop(q, v) = q + dt F v,    N = max_i |v_i| / (a_i dt),    F = n - n (n + 1) / (2 N),    n = floor(N),
 
-with the accelerations a_i. A joint whose line would end beyond its limit brakes harder and stops at the limit.
+with the accelerations a_i. A joint that would pass its limit brakes harder and stops at the limit.
 """
 
 from __future__ import annotations

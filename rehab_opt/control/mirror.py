@@ -61,10 +61,9 @@ class MirrorTracker(MirrorPreview):
     braking, include w(q) / w_max >= floor and the planes.
 
     The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. At
-    the largest deviation the clock waits, and then catches up. Samples that arrive during a fallback command are
-    skipped. If a stretch is out of reach, the hand moves along it at the nearest reachable poses, and deviations are
-    counted from there (`short`). Jumps of the reference are bridged at half the hand speeds; samples of a live tracker
-    must first pass a `Conditioner`.
+    the largest deviation the clock waits, and then catches up. If a stretch is out of reach, the hand moves along it at
+    the nearest reachable poses, and deviations are counted from there (`short`). Jumps of the reference are bridged at
+    half the hand speeds; samples of a live tracker must first pass a `Conditioner`.
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ class MirrorPace:
     def tried_function(self) -> ca.Function:
         """Function: samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,) -> `PACE`, `TRIED`.
 
-        The others: whether the clock may catch up, and the largest pace that later samples allow.
+        `others` are whether the clock may catch up, and the largest pace that later samples allow.
         """
         sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)

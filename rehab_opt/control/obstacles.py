@@ -131,13 +131,12 @@ def approach(
     outline inside gets no deeper. Depth is the shortest translation out of the obstacle.
 
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
-    normal at the point nearest to the disc's centre c. The bound does not jump when another edge becomes the nearest,
-    since the signed distance of c is the largest n . c - max(n . p) over all unit vectors n, with the corners p.
+    normal at the point nearest to the disc's centre c. The bound does not jump when another edge becomes the nearest.
 
-    A turn by w dt moves a corner p off its straight path by at most |p| (w dt)^2/2. An arc of the wheels adds drive |w|
-    dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed towards the wall is
-    a concave function of w, not negative at w = 0. The rows are two chords of this function, from w = 0 to the largest
-    turn rates.
+    A turn at the rate w moves a corner p off its straight path by at most |p| (w dt)^2/2. An arc of the wheels adds
+    drive |w| dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed towards
+    the wall is a concave function of w, not negative at w = 0. The rows are two chords of this function, from w = 0 to
+    the largest turn rates.
 
     Parameters
     ----------

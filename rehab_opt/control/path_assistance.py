@@ -38,8 +38,8 @@ class PathAssistance(BoundedForce):
 
     x and v are the hand's position and velocity, p(s) is the path point of the last tick, and t the path's direction
     there. Along the path the hand moves freely. Outside the workspace the force pulls back to it, as `Assistance` does
-    in mode "follow". The path coordinate s follows the hand in both directions, see `path_progress`. The largest s is
-    the progress. The help ends at the path's end; `reset` restarts it.
+    in mode "follow". The path coordinate s follows the hand, see `path_progress`. The help ends at the path's end;
+    `reset` restarts it.
 
     A hand that stands still under more than 0.1 of `force_limit` is released: the force fades within 0.3 s, and the
     command is BLOCKED. At another point of the path, at most 20 widths away, the force grows again.

@@ -1,14 +1,13 @@
 """Progress of a hand along a path as a state: one function of numbers, for Python and C.
 
-A spring S holds the hand x to the path point p(s). The arc length s [m] follows the hand in both directions, as a bead
-on a wire:
+A spring S holds the hand x to the path point p(s). The arc length s [m] follows the hand in both directions:
 
     s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt
 
 With the force limit F, the arc length s stays constant while the hand is further than F/S and a width from p(s). A hand
 that stands still under more than 0.1 F for 0.3 s is released. The spring holds the hand again within a width of a path
-point 1 to 20 widths away along the path. In the first tick after a gap without valid samples, a hand further than F/S
-and a width from p(s) is released at once.
+point 1 to 20 widths away along the path. A hand that is elsewhere after a gap without valid samples is released at
+once.
 """
 
 from __future__ import annotations

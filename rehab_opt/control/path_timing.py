@@ -2,9 +2,8 @@
 
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
-The path is cut into zones; in each zone every axis has largest derivatives. v, a and j are an axis's bounds of
-velocity, acceleration and jerk. With the fractions c_a, c_j and c_x, the progress in a zone is bounded by the minimum
-over the axes of
+The path is cut into zones. With an axis's bounds v, a and j of velocity, acceleration and jerk, and the fractions c_a,
+c_j and c_x, the progress in a zone is bounded by the minimum over the axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))

@@ -494,8 +494,8 @@ class PoseTracker(PoseInputs):
         q : (n,) measured joint positions [rad, m].
         pose : (4, 4) reference pose of the tool in the base frame.
         twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
-        obstacles : current moving capsules in the base frame, in every tick if the `Clearance` has moving capsules,
-            else not allowed. The array (k, 14) of `moving_numbers` is the fast form.
+        obstacles : current moving capsules in the base frame, if the `Clearance` has moving capsules. The array (k, 14)
+            of `moving_numbers` is the fast form.
         enable : dead man's switch; anything but True decelerates to rest.
         stamp : [s] time of the state; the watchdog checks it.
         """

@@ -124,7 +124,7 @@ class PostureCost:
 
 
 def rest_posture(arm: SerialChain, rest: ArrayLike | None = None) -> Array:
-    """(n,) rest posture inside the limits: `rest`, that of Table I, or the middle of the limits."""
+    """(n,) rest posture inside the limits, from `rest`, Table I or the middle of the limits."""
     if rest is None:
         if arm.names == ARM_JOINTS:
             chosen = ARM_REST

@@ -25,9 +25,8 @@ class Profiles:
     """Current motion of the axes: state, current profile, and finite differences of the output.
 
     A profile is accepted only if all of it is inside and its axes can stop inside from its end; otherwise the current
-    profile continues. Each axis stops on its own, without Ruckig. If an axis is about to reverse and its stop would
-    leave the bounds, it continues along its profile until its stop is inside. Only if `start` set an axis outside or
-    too fast before its bound, the position bound is relaxed.
+    profile continues. Each axis stops on its own, without Ruckig. Only if `start` set an axis outside or too fast
+    before its bound, the position bound is relaxed.
 
     Parameters
     ----------
@@ -132,11 +131,10 @@ class Profiles:
 
     # ------------------------------------------------------------------------------------------------ following
     def advance(self) -> float:
-        """Advance by one tick; return the certificate residual of the new state, which is always finite.
+        """Advance by one tick; return the certificate residual of the new, always finite state.
 
-        The residual is the largest relative excess of the velocity, acceleration and jerk (finite differences of `p`)
-        over their bounds, and of `p` over the position bounds [u]. If the residual is too large, the axes stop from the
-        last state.
+        The residual is the largest relative excess of the finite differences of `p` over their bounds. If the residual
+        is too large, the axes stop from the last state.
         """
         state = self._sample()
         residual = self._residual(state[0])

@@ -50,9 +50,8 @@ class RedundancyResolver(OneThread):
 
     Bounds take precedence in this order: joint, chassis and wheel speeds, and rolling; joint limits, obstacles and
     keep-outs; accelerations; the task, which is slowed along its direction. The whole robot can brake together before
-    every limit, keep-out and obstacle (`BrakingTogether`). So accelerations are relaxed only if an obstacle or a
-    velocity passed to `reset` came too late. G11 to G14 of `docs/guarantees.md` state speed and direction of the hand.
-    Within a tick, a link that slides along a keep-out may enter it by 0.1 mm.
+    every limit, keep-out and obstacle (`BrakingTogether`). G11 to G14 of `docs/guarantees.md` state speed and direction
+    of the hand. Within a tick, a link that slides along a keep-out may enter it by 0.1 mm.
 
     If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly. Collisions of
     the hand are not detected. A new resolver is at rest unless `reset` sets a velocity. An object belongs to one
@@ -244,8 +243,7 @@ class RedundancyResolver(OneThread):
         """Joint velocities (n,) that move the hand to a target, through the same QP; to be called in every tick.
 
         The hand moves straight at up to 0.25 m/s along each world axis, plus 0.12 m/s while it lags. The hand slows
-        down so that chair and arm can stop at the target. If bounds hold the hand back, it continues along the straight
-        line from there.
+        down so that chair and arm can stop at the target.
 
         Parameters
         ----------
@@ -272,7 +270,7 @@ class RedundancyResolver(OneThread):
     ) -> Instance:
         """QP that `step` would solve now, as numbers, for inspection by any thread.
 
-        Its variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
+        The variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
         command.
         """
         names, world = checked_rows(rows), frame_number(frame)

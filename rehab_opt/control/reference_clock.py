@@ -125,8 +125,7 @@ class ClockStatement:
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
         """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples (60,), `CLOCK`.
 
-        A jump, or a sample with `bridge`, is bridged by a calm motion at these speeds, over a further sample on the
-        way.
+        A jump, or a sample with `bridge`, is bridged by a calm motion over a further sample.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))

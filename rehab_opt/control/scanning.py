@@ -36,7 +36,7 @@ class Scanning(OneThread):
 
     Each option is lit for `dwell` seconds. While a press lasts, the option stays lit and the hand moves; after release
     the scan continues. With a sip-and-puff straw a puff moves one way and a sip the other; a single switch scans both
-    directions in turn. An object belongs to one thread, see `OneThread`.
+    directions in turn.
 
     Parameters
     ----------

@@ -40,8 +40,7 @@ class Walk:
     Parameters
     ----------
     q : (N, M, n) [rad, m] postures.
-    done : (N, M) whether the posture reaches the pose, above the floor and outside every keep-out. All False if the
-        first posture is below the floor or outside the joint limits.
+    done : (N, M) whether the posture reaches the pose, above the manipulability floor and outside every keep-out.
     above : (N, M) ratio w / w_max of manipulability to its maximum.
     elbows : (N, M, k, 2) [m] positions of the joints before the wrist, seen from above.
     """

@@ -37,8 +37,7 @@ class Smoother(OneThread):
 
     Each axis moves as fast as its own bounds allow, unless `straight`. A target outside the position bounds is clipped.
     If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. Only
-    if `reset` sets an axis too fast before a position bound, that bound is relaxed and flagged. An object belongs to
-    one thread, see `OneThread`.
+    if `reset` sets an axis too fast before a position bound, that bound is relaxed and flagged.
 
     Parameters
     ----------
@@ -144,15 +143,14 @@ class Smoother(OneThread):
         ----------
         target : (n,) [u].
         target_velocity : (n,) [u/s] of a moving target, which is then followed without `lag`. A target that is not
-            updated moves on for `max_age`; then the axes come to rest.
+            updated moves on for `max_age`.
         enable : dead man's switch; anything but True brings the axes to rest.
         stamp : [s, any origin] time of the target. After the first stamp, a missing stamp brings the axes to rest.
 
         Returns
         -------
-        Command : `value` is the position (n,) [u]. `residual` is the largest relative excess of its finite differences
-            over the velocity, acceleration and jerk bounds, and of the position over its bounds [u]; infinite while
-            braking or holding.
+        Command : `value` is the position (n,) [u], `residual` the largest relative excess of its finite differences
+            over the bounds; infinite while braking or holding.
         """
         if self._owner != get_ident():
             self._claim()

@@ -57,10 +57,8 @@ def smooth_path(
 ) -> SmoothPath:
     """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
 
-    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Cubics interpolate
-    the path, a spline rounds its corners within `tolerance`, and `ruckig_timing` times the progress, at most at the
-    recorded speed. Times that do not increase, a wrong shape, and an invalid bound or number raise
-    `ConfigurationError`.
+    All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Times that do not
+    increase, a wrong shape, and an invalid bound or number raise `ConfigurationError`.
 
     Parameters
     ----------

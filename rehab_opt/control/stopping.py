@@ -42,7 +42,7 @@ since a servo overshoots after a hard deceleration.
 
 
 class VelocityBounds(NamedTuple):
-    """Intervals of joint velocity, each inside the one before it; (n,) expressions, never empty."""
+    """Nested intervals of joint velocity, as (n,) expressions; never empty."""
 
     lower: ca.SX
     upper: ca.SX
@@ -75,8 +75,7 @@ def velocity_bounds(
 ) -> VelocityBounds:
     """Intervals of the joint velocities that are held until the next tick.
 
-    From every state that can still stop, all bounds hold together and the next state can stop again, at any dt. Other
-    states brake at the largest deceleration.
+    From every state that can still stop, all bounds hold together and the next state can stop again, at any dt.
 
     Parameters
     ----------

@@ -21,8 +21,7 @@ class OneThread:
 
     The thread of the first `step` becomes the owner. While the owner lives, `step`, `reset` or a change of a setting by
     another thread raises `SharingError`. `reset` by the owner releases the object to the next thread that steps it.
-    Copies and pickles are refused: make another object with the same arguments. Fields, maps, workspaces, chains and
-    robots are immutable and can be shared.
+    Copies and pickles are refused. Fields, maps, workspaces, chains and robots are immutable and can be shared.
 
     A method that ticks starts with `if self._owner != get_ident(): self._claim()`; a method that only changes a setting
     calls `_refuse_others`.

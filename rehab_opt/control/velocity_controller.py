@@ -71,8 +71,7 @@ class VelocityController(OneThread, ABC):
     subclass's `step` writes the inputs into `_views`, or through `_write`, and calls `_tick`. The command is
     `memory[command_slice]`, by default the last velocity; `memory[wheels]` are wheel speeds.
 
-    A new controller is at rest, unless `reset` sets a velocity. It acts on the joints' commanded positions;
-    measurements supervise them, see `FrontEnd`.
+    The controller acts on the joints' commanded positions; measurements supervise them, see `FrontEnd`.
     """
 
     chain: SerialChain = setting()

@@ -126,10 +126,9 @@ def watched() -> ca.Function:
 class Watchdog(OneThread):
     """Detect repeated, reversed, missing and delayed time stamps; to be called (`check`) once per tick.
 
-    The watchdog reads no clock, so a replay gives the same verdicts as the live session. If stamps advance by less than
-    the ticks, the accumulated lag is compared with `max_age`. Stamps that jump back by more than `max_age` mean a
-    restarted stream, which is one fault. Stamps that run ahead of 1.5 times the ticks by more than `max_age` mean a
-    loop slower than `dt`, in which an arm would brake too late.
+    The watchdog reads no clock. If stamps advance by less than the ticks, the accumulated lag is compared with
+    `max_age`. Stamps that jump back by more than `max_age` mean a restarted stream, which is one fault. Stamps that run
+    ahead of 1.5 times the ticks by more than `max_age` mean a loop slower than `dt`.
 
     Parameters
     ----------
