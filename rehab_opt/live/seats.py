@@ -180,14 +180,14 @@ class Seats:
     def current(self) -> LiveInputs:
         """Inputs of the commanding tab; a target from a participant's tab replaces the tab's target.
 
-        With two hands, the commanding tab's target is the helper's.
+        With two hands, the commanding tab sets the target of the helper's hand.
         """
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs
 
     def state(self, tab: int) -> dict[str, Any]:
-        """Message to a tab: whether it commands, and the numbers of tabs and of participants' tabs."""
+        """Message to a tab: whether the tab commands, and the numbers of tabs and of participants' tabs."""
         participants = sum(self._tabs.values())
         return {"commands": tab == self.commander, "tabs": len(self._tabs), "participants": participants}
 

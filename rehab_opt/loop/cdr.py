@@ -62,7 +62,7 @@ def record_definition(layout: np.dtype[Any]) -> str:
 
     Raises
     ------
-    ConfigurationError : a field of another type, or a number after a text.
+    ConfigurationError : a field has another type, or a number follows a text.
     """
     lines, texts = [], False
     for name, (kind, *_) in dict(layout.fields or {}).items():

@@ -1,4 +1,4 @@
-"""Joysticks and gamepads on Linux (`/dev/input/js0`); as a program, the module reads one into a ring."""
+"""Joysticks and gamepads on Linux (`/dev/input/js0`); run as a program, this module writes their state to a ring."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambd
 
 
 def main() -> None:
-    """Read the gamepad that standard input names until the input closes or the gamepad is unplugged."""
+    """Write the state of a gamepad to a ring until standard input closes or the gamepad is unplugged."""
     orders = json.loads(sys.stdin.buffer.readline())
     ring = SharedRing.attach(orders["ring"])
     with Gamepad(orders["source"]) as pad:

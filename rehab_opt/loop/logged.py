@@ -108,7 +108,7 @@ def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
 
 
 def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """Layout of the operator's fields in a record's layout, as of `operator_layout`; it may have no fields."""
+    """Layout of the operator's fields in a record's layout, as of `operator_layout`; empty without an operator."""
     prefix = "operator_"
     fields = dict(layout.fields or {})
     return np.dtype([(name.removeprefix(prefix), kind[0]) for name, kind in fields.items() if name.startswith(prefix)])

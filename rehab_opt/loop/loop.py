@@ -107,11 +107,11 @@ class Loop:
     def run(self, *, seconds: float = math.inf, until: Callable[[], bool | str] = lambda: False) -> LoopReport:
         """Run until `seconds` have passed, `until()` is true or a text, or Ctrl-C or SIGTERM; then brake to rest.
 
-        A lost device also ends the loop. If `until` returns a text, the report has it as the reason.
+        A lost device also ends the loop. If `until` returns a text, the text is the reason in the report.
 
         Raises
         ------
-        ConfigurationError : from the controller or the plant, or the command has numbers that are not finite. Such a
+        ConfigurationError : the controller or the plant raises it, or a command has numbers that are not finite. Such a
             command is not sent, and a device is stopped before the error is raised.
         """
         run = _Run()

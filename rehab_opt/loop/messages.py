@@ -45,16 +45,16 @@ WRENCH = _with(
 def joint_state(
     nanoseconds: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike = (), effort: ArrayLike = ()
 ) -> bytes:
-    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N] at a time since 1970.
+    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N].
 
-    Unknown values are empty sequences.
+    `nanoseconds` is the time since 1970. Unknown values are empty sequences.
     """
     message = _header(nanoseconds, "").texts(names)
     return message.numbers(position).numbers(velocity).numbers(effort).done()
 
 
 def wrench(nanoseconds: int, frame: str, force: Sequence[float]) -> bytes:
-    """Message of a force (2,) or (3,) [N] in a frame, at a time since 1970, with zero torque."""
+    """Message of a force (2,) or (3,) [N] in a frame, with zero torque; `nanoseconds` is the time since 1970."""
     message = _header(nanoseconds, frame)
     for each in (*force, 0.0, 0.0, 0.0, 0.0)[:6]:
         message.number("d", each)

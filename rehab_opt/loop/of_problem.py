@@ -61,7 +61,7 @@ PATIENCE = 2.0
 
 
 def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None) -> Decide:
-    """Controller of a problem, for a loop; without an operator it follows the problem's own reference.
+    """Controller of a problem, for a loop; without an operator, the controller follows the problem's own reference.
 
     `then` is called with each tick and its command.
     """

@@ -43,8 +43,8 @@ def connect_ros2(
 
     The driver receives `sensor_msgs/JointState` and sends `std_msgs/Float64MultiArray` messages through zenoh's bridge
     for ROS 2 (zenoh-bridge-ros2dds). The robot's controller needs a time-out of its own: without commands,
-    ros2_control's forward controllers hold the last velocity. Several messages may share the joints among them, and may
-    contain other joints; a state is complete once each joint has a new value. The measured force is always zero.
+    ros2_control's forward controllers hold the last velocity. A message may have only some of the joints, and may have
+    other joints; a state is complete once each joint has a new value. The measured force is always zero.
 
     Parameters
     ----------

@@ -118,9 +118,9 @@ class PositionServo:
 
 
 class HandForce:
-    """A force F at the hand through the transposed Jacobian, with the first-order lag lag F' = F_c - F.
+    """A force F at the hand through the transposed Jacobian, with the first-order lag T F' = F_c - F.
 
-    F_c is the commanded force. The joint torques are limited.
+    F_c is the commanded force, T is `lag`. The joint torques are limited.
 
     Parameters
     ----------

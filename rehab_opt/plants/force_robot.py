@@ -64,7 +64,8 @@ class RobotModel:
 
         Parameters
         ----------
-        hand_mass : mass of the hand [kg]. stiffness, damping : of the person's arm [N/m], [N s/m]. dt : tick [s].
+        hand_mass : mass of the hand [kg]. stiffness, damping : stiffness [N/m] and damping [N s/m] of the person's arm.
+        dt : duration of a tick [s].
         """
         whole = self.mass + hand_mass
         # The state is position, speed, measured force, integral; each row below maps the state to one quantity.

@@ -23,7 +23,7 @@ class Intention:
     places, velocities : intended positions and velocities (N, 2) [m], [m/s].
     goal : index (N,) in `goals` of the current goal.
     goals : points (M, 2) [m] to reach or to hold.
-    active : whether each tick (N,) counts in the scores; ticks on the way to a goal that is then held do not.
+    active : whether each tick (N,) counts in the scores; ticks of motion between two held goals do not count.
     """
 
     places: Array
@@ -34,7 +34,10 @@ class Intention:
 
 
 def minimum_jerk(fraction: ArrayLike) -> Array:
-    """Fraction of the distance at the fraction u of the time: 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan 1985)."""
+    """Fraction 10 u^3 - 15 u^4 + 6 u^5 of the distance of a minimum-jerk motion at the fraction u of its duration.
+
+    Source: Flash and Hogan 1985.
+    """
     u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
     return np.asarray(u**3 * (10.0 + u * (-15.0 + 6.0 * u)))
 

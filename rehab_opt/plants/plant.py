@@ -80,7 +80,7 @@ class Device(Plant, Protocol):
 
     `measured` is the last received state, and `truth` repeats it; both use the clock of `time.monotonic`. `reset` does
     not move the robot; it raises an error if the robot is not at the given position. If the device is lost, all methods
-    raise `DeviceLostError`.
+    but `stop` raise `DeviceLostError`.
     """
 
     def stop(self) -> None:

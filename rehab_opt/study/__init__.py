@@ -1,1 +1,1 @@
-"""A study: people, their sessions and trials in one file, compared and reported. No network."""
+"""Studies: a folder with people, their sessions and trials; comparisons between groups, and reports."""

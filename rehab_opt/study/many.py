@@ -76,7 +76,7 @@ class Recorder:
 
 
 def study_of_many(opened: ExitStack, folder: Path | None, session: str | None, *, table: Path) -> Recorder | None:
-    """The recorder for the study in `folder`, which `opened` closes; None if `folder` is None.
+    """Open the study in `folder` and return its recorder; None if `folder` is None. `opened` closes the study.
 
     Raises
     ------

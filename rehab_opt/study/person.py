@@ -98,7 +98,7 @@ def note_written(study: Study, paths: Iterable[Path], person: str | None) -> Non
 def removed(study: Study, person: str) -> tuple[list[Path], list[Path]]:
     """Remove a person's folder and rows, results of the person's runs elsewhere, and exports and reports.
 
-    If the function was interrupted, call it again. It does not find copies in other places.
+    If the function was interrupted, call it again. Copies made by hand are not found.
 
     Returns
     -------

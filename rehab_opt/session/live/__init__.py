@@ -1,1 +1,1 @@
-"""Live runs of the kinds of problems."""
+"""Problems in real time, as shown on the page of `rehab-opt live`."""

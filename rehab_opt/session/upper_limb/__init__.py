@@ -1,1 +1,1 @@
-"""Systems `upper_limb`: a person's arm follows a recorded hand path within the person's joint limits."""
+"""System `upper_limb`: a person's arm follows a recorded hand path within the person's joint limits."""

@@ -209,7 +209,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
     schema = WorkspaceMapProblem
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, MappedSets]:
-        """One scene with both directions; the map back is not the inverse of the map forth."""
+        """One scene with both directions; the maps of the two directions are not inverse to each other."""
         return {(): MappedSets(config)}
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
