@@ -126,8 +126,7 @@ class ArmIK(OneThread):
     rest : (n,) [rad] rest posture; None for the arm's own.
     solver, backup : "sqp" (ours, compiled), "sqpmethod", "ipopt", "fatrop".
     tolerance : largest certificate residual.
-    starts, nearest_starts : number of start postures without a `start`, and for the nearest reachable position.
-
+    starts, nearest_starts : number of start postures of a search without `start`, and of that for the nearest posture.
     table_size : number of postures from which the start postures are picked.
     compile : see `BufferedFunction`.
     """

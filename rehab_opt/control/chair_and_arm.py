@@ -41,7 +41,7 @@ class ChairAndArm(VelocityController):
     min  1/2 (u - t)'W(u - t) + 0.01 T/dt |u - b|^2 + price (20 off - progress) + missing^2 + off^2
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
          |u - u_last| <= acceleration dt,  the bounds of `ChairLimits`,  and at the stop posture z
-         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s square to r,
+         -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s orthogonal to r,
          as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (see the module) satisfy them
 
     - u: joint velocities, the chair's in the chassis frame (forward, left, turn). There the rolling row, Eq. 4, is a

@@ -240,7 +240,7 @@ class ChairLimits:
         return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
-        """Limits of rim speeds and, as a polygon that contains the hardest braking, of the chassis speed."""
+        """Limits of rim speeds, and of the chassis speed as a polygon that contains the hardest braking."""
         chain, (rows, upper) = self.robot.chain, self.wheels.rims
         rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))
         if not self.wheels.holonomic:

@@ -138,7 +138,7 @@ class EnergyTank:
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
         """Account for a force (2,) commanded for at most `seconds`, with any hand motion within the speed cap.
 
-        `surely` [s] is the tick without jitter; past commands expire after the sum of these.
+        `surely` [s] sums up to the elapsed time, even if stamps jitter; past commands expire by this sum.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
         draws = self._to_come + ca.norm_2(force) * reach

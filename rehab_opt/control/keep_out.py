@@ -85,7 +85,7 @@ class ArmKeepOuts:
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds of c distances per joint speed now and on the way;
+        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds per joint speed of c distances, now and on the way;
         bounds.
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]

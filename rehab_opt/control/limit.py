@@ -74,7 +74,7 @@ class Limit:
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Three distances at q (n,), the smallest after `ways` times `way` (n,); slopes (k, n); curvature loss."""
+        """Three distances at q (n,), smallest after `ways` times `way` (n,); slopes (k, n); loss by curvature."""
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
         rows = ca.horzcat(each + (then - each) * ways, each, then, self.slopes(chain, symbol))
@@ -404,7 +404,7 @@ class PostureLimits:
 
 
 def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:
-    """(m, 1 + n) distances after t [s], less a margin for changes of u (n,), and their slopes, all divided by t."""
+    """(m, 1 + n) distances after t [s] and their slopes, with a margin for changes of u (n,), divided by t."""
     largest, slopes = ca.mmax(change), changes / t
     begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
     return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)

@@ -70,7 +70,6 @@ class MirrorTracker(MirrorPreview):
     chain : any serial chain.
     floor : least w / w_max, above 0 and below 1; w is Yoshikawa's measure, w_max its maximum over all postures.
     max_deviation, max_turn : [m, rad] deviation of the tool from the reference at which the clock waits.
-
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     keep_out : planes from `KeepOut.through(point, normal)`. At the end of a tick no capsule of a link
         (`SerialChain.capsules`), no frame origin and no tool origin is beyond a plane.

@@ -1,7 +1,7 @@
 """Velocity interval of each joint in this tick, and braking of the whole robot together.
 
-Velocity limits take precedence over position limits, these over accelerations, and these over the task. So the QP's box
-is never empty.
+Velocity limits take precedence over position limits, these over accelerations, and these over the task. With this order
+the QP's box is never empty.
 """
 
 from __future__ import annotations
