@@ -78,7 +78,8 @@ class BoundedForce(OneThread):
     speed cap can once draw the force limit times the jump's length.
 
     The force falls to zero within the slew limit after a solver failure, an invalid sensor value, a stale stamp or a
-    released `enable`.
+    released `enable`. Sensor errors smaller than a possible motion in a tick, and late ticks without stamps, are not
+    detected.
 
     Parameters
     ----------

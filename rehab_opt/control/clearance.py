@@ -34,7 +34,7 @@ class Clearance:
       braking.
     - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no
       such velocity exists, or the arm is not enabled, the body may come nearer by its own motion; `Relaxed.POSITION`
-      reports it.
+      reports it. The arm's motion never adds to that.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Clearance:
     pairs : pairs of link names that keep clear of each other; () for none. None selects all pairs that are not
         neighbours and do not overlap in half of all postures.
     max_contacts : number of contacts with rows in a tick. The arm stops before all other contacts, but does not slide
-        along them.
+        along them. A chair needs at least the default.
     rate : [1/s] largest decay rate of the distance to the margin; by default that of a `Limit`.
     """
 

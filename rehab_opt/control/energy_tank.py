@@ -58,8 +58,8 @@ class EnergyTank:
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    So a hand below the speed cap never draws more than the budget. Each method returns the next tank; call `elapsed`
-    with the last command, then `seen` or `jumped`, or neither.
+    So a hand below the speed cap, moving straight between samples, never draws more than the budget. Each method
+    returns the next tank; call `elapsed` with the last command, then `seen` or `jumped`, or neither.
 
     Parameters
     ----------

@@ -7,8 +7,8 @@ The admittance is passive: its step is implicit, and projections onto convex set
 
 A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, adds up the work of
 the measured forces. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`, with the hand's motion dy relative to
-its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows. So a hand delivers at most
-reserve + 0.02 W t within a time t from rest, plus energy under way when the tank ran empty.
+its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows. So a hand at its measured
+position delivers at most reserve + 0.02 W t within a time t from rest, plus energy under way when the tank ran empty.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class Interaction:
     `release` x `stop_at`.
 
     ISO/TS 15066 is quoted with 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
-    distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected.
+    distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected: below `stop_at` the hand
+    yields to any force.
     """
 
     slow_from: float = 8.0

@@ -55,6 +55,7 @@ class Limit:
     ----------
     distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit, smooth near zero.
         The three closest to zero, relative to their rate, make rows of the QP; all are checked at the end of the tick.
+        A NaN stops the robot at once.
     rate : [1/s] largest decay rate of a distance; default 1/T with the longest time T in which a joint stops.
     """
 

@@ -72,7 +72,8 @@ class MirrorTracker(MirrorPreview):
     max_deviation, max_turn : [m, rad] deviation of the tool from the reference at which the clock waits.
     linear_speed, angular_speed : [m/s, rad/s] largest hand speeds.
     keep_out : planes from `KeepOut.through(point, normal)`. At the end of a tick no capsule of a link
-        (`SerialChain.capsules`), no frame origin and no tool origin is beyond a plane.
+        (`SerialChain.capsules`), no frame origin and no tool origin is beyond a plane. Parts that no joint moves, the
+        led hand, and attachments to the flange are guarded only by a capsule.
     limits : further limits of the posture, each a `Limit` or a `Clearance`.
     person : the led arm, in the robot's base frame; the reference is limited to its range of motion (`PersonLimit`).
     grip : (4, 4) pose of the tool in the person's hand frame.
@@ -253,8 +254,8 @@ class MirrorTracker(MirrorPreview):
         pose : (4, 4) current mirrored pose of the tool in the base frame.
         twist : (6,) its twist, linear [m/s] first, then angular [rad/s], in the base frame.
         obstacles : moving bodies, as for `PoseTracker.step`.
-        force : (3,) [N] force of the person on the tool, in the base frame; None if no force is measured. Pass a lost
-            sample as NaN, which stops the arm.
+        force : (3,) [N] force of the person on the tool, in the base frame; None counts as no push. Pass a lost sample
+            as NaN, which stops the arm.
         enable : dead man's switch; anything but True decelerates to rest.
         stamp : [s] time of the state; the watchdog checks it.
         """

@@ -51,11 +51,12 @@ class RedundancyResolver(OneThread):
     Bounds take precedence in this order: joint, chassis and wheel speeds, and rolling; joint limits, obstacles and
     keep-outs; accelerations; the task, which is slowed along its direction. The whole robot can brake together before
     every limit, keep-out and obstacle (`BrakingTogether`). G11 to G14 of `docs/guarantees.md` state speed and direction
-    of the hand. Within a tick, a link that slides along a keep-out may enter it by 0.1 mm.
+    of the hand. Within a tick, a link that slides along a keep-out may enter it by 0.1 mm; G12 does not hold beside
+    approaching bodies.
 
-    If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly. Collisions of
-    the hand are not detected. A new resolver is at rest unless `reset` sets a velocity. An object belongs to one
-    thread, see `OneThread`.
+    If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly. A joint
+    outside its limits returns only if the task or the posture cost moves it. Collisions of the hand are not detected. A
+    new resolver is at rest unless `reset` sets a velocity. An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
