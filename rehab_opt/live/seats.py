@@ -178,10 +178,7 @@ class Seats:
 
     @property
     def current(self) -> LiveInputs:
-        """Inputs of the commanding tab; a target from a participant's tab replaces the tab's target.
-
-        With two hands, the commanding tab sets the target of the helper's hand.
-        """
+        """Inputs of the commanding tab; a participant's tab sets the target, with two hands that of its own hand."""
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs

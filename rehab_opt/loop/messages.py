@@ -45,10 +45,7 @@ WRENCH = _with(
 def joint_state(
     nanoseconds: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike = (), effort: ArrayLike = ()
 ) -> bytes:
-    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N].
-
-    `nanoseconds` is the time since 1970. Unknown values are empty sequences.
-    """
+    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N], at a time since 1970."""
     message = _header(nanoseconds, "").texts(names)
     return message.numbers(position).numbers(velocity).numbers(effort).done()
 

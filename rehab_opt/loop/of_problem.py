@@ -262,10 +262,7 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
 def control_again(
     problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
 ) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
-    """Control of a problem on the robot of a log, the control as a function of a tick, and a function of a record.
-
-    Call the last function with a tick's record to set the robot's state.
-    """
+    """Control of a problem on a log's robot, the control as a function of a tick, and a function that sets a record."""
     robot = _LoggedRobot(problem.dt)
     control = problem.control(robot)
     return control, decide_of(control, then=then), robot.show

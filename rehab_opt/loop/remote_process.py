@@ -43,10 +43,7 @@ def _drive_as_ordered(orders: dict[str, Any], sensed: SharedRing, commanded: Sha
 
 
 def drive(driver: Driver, sensed: SharedRing, commanded: SharedRing, *, silent: float) -> None:
-    """Pass readings to the loop and commands to the device; brake after `silent` [s] without a command.
-
-    The function returns when standard input closes.
-    """
+    """Pass readings and commands until standard input closes; brake after `silent` [s] without a command."""
     done, sent, moving, kept = commanded.latest(), 0, False, 0.0
     while not select.select([sys.stdin], [], [], LOOKS)[0]:
         reading = driver.read()

@@ -81,10 +81,7 @@ def _timer_slack(nanoseconds: int) -> int | None:
 
 
 def sleep_overshoot(dt: float, *, count: int = 20) -> float:
-    """Time [s] by which to wake before a deadline: twice the median overshoot of `count` sleeps of `dt` / 5.
-
-    The result is at most 0.2 ms and at most `dt` / 3.
-    """
+    """Twice the median overshoot [s] of `count` sleeps of `dt` / 5; at most 0.2 ms and at most `dt` / 3."""
     late = []
     for _ in range(count):
         until = time.monotonic() + dt / 5

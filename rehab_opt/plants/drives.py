@@ -46,13 +46,7 @@ class Drive(Protocol):
         ...
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Joint torques (n,) [N m, N] within the torque limits.
-
-        Parameters
-        ----------
-        command : input of the drive. state : measured state of the robot.
-        feedforward : gravity and velocity torques (n,) [N m, N], which the drive compensates.
-        """
+        """Joint torques (n,) [N m, N] within the limits; `feedforward` (n,) has the gravity and velocity torques."""
         ...
 
 

@@ -58,14 +58,9 @@ class RobotModel:
             raise ConfigurationError("gain", self.gain, expected)
 
     def growth(self, hand_mass: float, *, stiffness: float, damping: float, dt: float) -> float:
-        """Spectral radius of the loop of one axis per tick, with the hand on a spring and a damper.
+        """Spectral radius per tick of the loop of one axis, without motor limit and dry friction.
 
-        The command is zero; the motor limit and dry friction are neglected.
-
-        Parameters
-        ----------
-        hand_mass : mass of the hand [kg]. stiffness, damping : stiffness [N/m] and damping [N s/m] of the person's arm.
-        dt : duration of a tick [s].
+        The hand of `hand_mass` [kg] is on a spring of `stiffness` [N/m] and a damper of `damping` [N s/m].
         """
         whole = self.mass + hand_mass
         # The state is position, speed, measured force, integral; each row below maps the state to one quantity.

@@ -146,10 +146,7 @@ class MujocoArm(SampledPlant):
         return self._jacobian
 
     def _typical_inertia(self) -> Array:
-        """Mean inertia (n,) [kg m^2, kg] of each joint over random postures within the joint limits.
-
-        A missing lower or upper limit counts as -pi or pi [rad, m].
-        """
+        """Mean inertia (n,) [kg m^2, kg] of each joint over random postures; missing limits count as -pi and pi."""
         chain, rng = self.model.chain, np.random.default_rng(0)
         lower = np.where(np.isfinite(chain.lower), chain.lower, -math.pi)
         upper = np.where(np.isfinite(chain.upper), chain.upper, math.pi)

@@ -98,15 +98,9 @@ class SimulatedPerson:
     def force(  # noqa: PLR0917  (a hot call: state, then intention)
         self, x: float, y: float, vx: float, vy: float, to_x: float, to_y: float, to_vx: float, to_vy: float
     ) -> tuple[float, float]:
-        """Force (x, y) [N] of the person on the handle in the next tick.
+        """Force (x, y) [N] on the handle, from the hand's and the intended position [m] and velocity [m/s].
 
-        The attribute `beyond` becomes the signed distance [m] of the hand to the comfortable workspace, negative
-        inside.
-
-        Parameters
-        ----------
-        x, y, vx, vy : position [m] and velocity [m/s] of the hand.
-        to_x, to_y, to_vx, to_vy : intended position [m] and velocity [m/s].
+        The method sets `beyond`, the signed distance [m] of the hand to the comfortable workspace, negative inside.
         """
         person, tick = self.person, self._tick
         self._tick += 1

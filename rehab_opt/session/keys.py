@@ -60,10 +60,7 @@ def _own_docstrings(owner: type) -> dict[str, str]:
 def keys_of(
     schema: type[BaseModel], prefix: str = "", head: str = "", without: frozenset[str] = frozenset()
 ) -> Iterator[Keys]:
-    """The keys of a schema, then the keys of each table in the schema, as Markdown texts.
-
-    `prefix` is put before each key, `head` is the heading, and `without` names tables that are not listed.
-    """
+    """The keys of a schema, then of each table in it, as Markdown; tables named in `without` are not expanded."""
     said, described = defaultdict(str, attribute_docstrings(schema)), schema.model_json_schema()
     rows: list[tuple[str, str, str, str]] = []
     within: list[tuple[str, str, type[BaseModel]]] = []

@@ -25,9 +25,7 @@ __all__ = ["report_html", "write_pdf"]
 
 
 class Plain(NamedTuple):
-    """A measure in plain words, its better direction (1 larger, -1 smaller, 0 neither), and its smallest and largest
-    possible value.
-    """
+    """A measure in plain words, its better direction (1 larger, -1 smaller, 0 neither), and its possible range."""
 
     words: str
     better: int = 0
@@ -168,10 +166,10 @@ def _facts(study: Study, person: str | None) -> str:
 
 
 def _changes(means: Means) -> dict[str, Any]:
-    """Table of changes: for each measure and condition, the first and last session, and whether the change is clear.
+    """Table of the first and last session by measure and condition, and whether the change is clear.
 
-    With four or more sessions, a change is clear if the confidence interval of the slope excludes zero. With fewer
-    sessions, a change is clear if the confidence intervals of the first and last mean do not overlap.
+    A change is clear if the confidence interval of the slope excludes zero; with fewer than four sessions, if the
+    intervals of the first and last mean do not overlap.
     """
     rows = []
     for measure, of in means.items():
@@ -240,10 +238,7 @@ def _day(of: SessionMean) -> int:
 
 
 def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | None:
-    """Function that returns the weeks since a person's first session.
-
-    None if a session has no date, or no person has sessions over a week or longer.
-    """
+    """Function that returns the weeks since a person's first session; None without dates over a week or longer."""
     if not all(each.date for each in means):
         return None
     days: dict[str, list[int]] = defaultdict(list)
@@ -256,10 +251,7 @@ def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | Non
 
 
 def _ground(study: Study, person: str | None) -> Iterator[dict[str, str]]:
-    """Figures of the areas that the hand covered: each session of a person, or the first and last sessions of a group.
-
-    Later sessions of a person are darker; the first session is orange.
-    """
+    """Figures of the areas that the hand covered: each session of a person, or first and last sessions of a group."""
     from shapely import MultiPoint  # noqa: PLC0415
 
     groups: dict[str, list[list[Any]]] = defaultdict(list)

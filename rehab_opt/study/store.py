@@ -199,12 +199,7 @@ def _storable(trial: Trial) -> Trial:
 
 
 def _agreed(file: Path, facts: Mapping[str, Any], who: str) -> dict[str, Any]:
-    """Content of a JSON file together with new facts about a person or session.
-
-    Raises
-    ------
-    ConfigurationError : a fact contradicts the file.
-    """
+    """Content of a JSON file with new facts added; raises ConfigurationError if a fact contradicts the file."""
     known = content_of(file)
     for name, value in facts.items():
         if value is not None and known.setdefault(name, value) != value:

@@ -101,10 +101,7 @@ class Tracker(Protocol):
     """Interface of controllers that track a tool pose, such as `PoseTracker` and `MirrorTracker`."""
 
     def step(self, q: Array, pose: Array, twist: Array, *, enable: object, stamp: float | None) -> Command:
-        """Command of joint velocities (n,) [rad/s, m/s].
-
-        q (n,) are the joint positions; the tool's reference is `pose` (4, 4) and `twist` (6,).
-        """
+        """Command of joint velocities at positions q (n,) for the tool's reference `pose` (4, 4) and `twist` (6,)."""
         ...
 
 

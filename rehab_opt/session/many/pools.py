@@ -171,10 +171,7 @@ def _received(answer: Connection) -> Any:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Context in which started processes use one OpenBLAS thread each, unless the user has set another number.
-
-    With one process per core, further threads wait in a busy loop and slow down the computation.
-    """
+    """Context in which started processes use one OpenBLAS thread; with a process per core, more threads are slower."""
     own = BLAS_THREADS not in os.environ
     if own:
         os.environ[BLAS_THREADS] = "1"

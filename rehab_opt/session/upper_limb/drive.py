@@ -31,10 +31,7 @@ HALVINGS, STEPS = 6, 20
 
 
 def law_columns(trace: Trace, law: str) -> dict[str, NDArray[Any]]:
-    """Columns of a trace that belong to one controller, without the controller's name as prefix.
-
-    The column `joint` (N, n) [rad] has the joint positions.
-    """
+    """Columns of one controller without its name as prefix; `joint` (N, n) [rad] are the joint positions."""
     found = {name.lstrip("_"): values for name, values in trace.items() if name.lstrip("_").startswith(law)}
     return {name[len(law) + 1 :] or "joint": values for name, values in found.items()}
 
@@ -47,10 +44,7 @@ def hand_and_tilt(arm: SerialChain, q: Array) -> tuple[Array, Array]:
 
 
 def bounds_of_drive(chain: SerialChain, bounds: SmoothingSection) -> dict[str, Any]:
-    """Bounds of joint speed, acceleration (n,) and jerk [rad/s, rad/s^2, rad/s^3].
-
-    For speed and acceleration, the smaller of the file's bound and the chain's limit holds.
-    """
+    """Bounds of joint speed, acceleration (n,) and jerk [rad/s^k], from the file and, if smaller, from the chain."""
     return {
         "velocity": np.minimum(math.radians(bounds.speed_deg_s), chain.velocity),
         "acceleration": np.minimum(math.radians(bounds.acceleration_deg_s2), chain.acceleration),
@@ -116,10 +110,7 @@ def _with_between(chain: SerialChain, q: Array, times: Array, handle_tilt: float
 
 
 def _amid(chain: SerialChain, q: Array, hand: Array, handle_tilt: float) -> Array:
-    """Posture near q (n,) with the hand at `hand` (3,) [m] and the handle tilted by at most `handle_tilt` [rad].
-
-    Gauss-Newton steps within the joint limits minimise the weighted errors; the result may have a remaining error.
-    """
+    """Posture near q (n,) with the hand at `hand` (3,) [m] and limited tilt, by Gauss-Newton within joint limits."""
     from scipy.optimize import lsq_linear  # noqa: PLC0415  (loaded when used)
 
     best, least, damping, tried = q, math.inf, DAMPING, q

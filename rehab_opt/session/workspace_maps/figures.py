@@ -158,10 +158,7 @@ def _folds(direction: Direction) -> Figure:
 
 
 def _draw_folds(axes: Axes, made: MadeMap, start: Workspace, end: Workspace) -> Any:
-    """Draw the map's local enlargement of area over the start set; return the image for a colour bar.
-
-    The value is the determinant of the map's Jacobian, divided by the ratio of the two sets' areas.
-    """
+    """Draw the map's local enlargement of area, relative to the sets' ratio; return the image for a colour bar."""
     assert made.mapped is not None
     assert made.audit is not None
     left, low, right, high = start.polygon.bounds

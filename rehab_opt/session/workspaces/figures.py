@@ -128,10 +128,7 @@ def _slices(section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
 
 
 def _volumes(section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]) -> Figure:
-    """Figure with one view for the held and one for the free handle.
-
-    `volumes` has the volumes of all `names`, by whether the handle is held.
-    """
+    """Figure with a view for the held and one for the free handle; `volumes` are by whether the handle is held."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]  # noqa: PLC0415  (slow to import, rarely drawn)
 
     figure = framed(f"Reachable volume [mm]. n = {len(names)} ranges of motion.", 3.6)

@@ -100,10 +100,7 @@ def sets_of(trace: Trace) -> dict[str, Workspace]:
 
 
 def rings(workspace: Workspace) -> Iterator[tuple[int, int, Any]]:
-    """For each closed boundary line: number of the component, number of the ring, and vertices [m].
-
-    The first vertex is repeated at the end.
-    """
+    """Component, ring and vertices [m] of each closed boundary line; the first vertex is repeated at the end."""
     if workspace.empty:
         return
     for component, part in enumerate(getattr(workspace.polygon, "geoms", (workspace.polygon,)), start=1):
