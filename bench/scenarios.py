@@ -147,8 +147,8 @@ def force_off(outcome: Outcome) -> float:
     width, least = 1e-3 * outcome.metrics["parameters"]["field"]["width_mm"], math.inf
     found = trials_of(outcome)
     for trial in found.trials["assisted"]:
-        off = projected(trial["_hand"], found.reference).distance > width
-        off &= np.linalg.norm(trial["intended"] - found.reference[-1], axis=1) > width
+        off = projected(trial["_hand"], found.context.reference).distance > width
+        off &= np.linalg.norm(trial["intended"] - found.context.reference[-1], axis=1) > width
         if off.any():
             least = min(least, float(np.linalg.norm(trial["force_commanded"][off], axis=1).mean()))
     return least
@@ -158,7 +158,7 @@ def session() -> Verdict:
     """A minute at 1 kHz beside the time it takes to simulate: participant, robot and assistance."""
     config = changed("scenario_4_follow", task={"movement_s": 60.0, "rest_s": 0.0, "trials": 1})
     context = precompute(config, progress=_silent)
-    scene, law = scene_of(config, context), law_of("assisted", config, context)
+    scene, law = scene_of(context), law_of("assisted", context)
     simulate_trial(scene, law, number=0, seed=1)  # what is loaded late is loaded now
     began, processor = time.perf_counter(), time.process_time()
     trial = simulate_trial(scene, law, number=0, seed=0)

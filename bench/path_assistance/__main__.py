@@ -33,7 +33,7 @@ from rehab_opt.plants.hand_robot import WithoutDelay
 from rehab_opt.plants.intention import AIMS, Aims, traced
 from rehab_opt.plants.simulated_person import Person
 from rehab_opt.session.files import load_problem
-from rehab_opt.session.scenario.laws import Assisted, ForceLaw, Unassisted
+from rehab_opt.session.scenario.laws import Assisted, ForceLaw
 from rehab_opt.session.scenario.loop import Scene, simulate_trial
 from rehab_opt.session.scenario.precomputed import precompute
 
@@ -97,13 +97,13 @@ def measured(seed: int, aims: Aims, *, trials: int, wide: bool = False) -> Measu
         person=Person(aims=aims),
         robot=WithoutDelay(RobotModel()),
         intention=traced(path, seconds=seconds, rest=REST, dt=DT),
-        arrival=None,
+        within=None,
         dt=DT,
     )
     helper = PathAssistance(
         path, stiffness=3000.0, width=WIDTH, damping=40.0, comfortable=comfortable, trust_stillness=True, dt=DT
     )
-    laws: dict[str, ForceLaw] = {"unassisted": Unassisted(), "assisted": Assisted(helper)}
+    laws: dict[str, ForceLaw] = {"unassisted": ForceLaw(), "assisted": Assisted(helper)}
     found = {}
     for name, law in laws.items():
         seen = [simulate_trial(scene, law, number=k, seed=abs(seed) * 10 + k) for k in range(trials)]

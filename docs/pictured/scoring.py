@@ -31,7 +31,7 @@ def scored_reaches() -> Figure:
     outcome = trials_of(run_problem(load_problem(PROBLEM)))
     figure = framed("The same simulated person's reach, without and with help: what the measures see.", 5.0)
     grid = figure.subplots(2, 2, width_ratios=(1.5, 1), sharex="col", sharey="col")
-    target = outcome.reference[-1]
+    target = outcome.context.reference[-1]
     for (speeds, paths), (law, colour) in zip(grid, CONDITIONS.items(), strict=True):
         trial = outcome.trials[law][TRIAL]
         time, points = trial["t_s"][::EVERY], trial["_hand"][::EVERY]

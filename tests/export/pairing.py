@@ -14,7 +14,8 @@ from rehab_opt.control.bilateral_sides import FromHelper, FromParticipant, Helpe
 from rehab_opt.export.controllers.bilateral_sides import exported_helper_side, exported_participant_side
 from rehab_opt.export.export_c import written_files
 from rehab_opt.plants.intention import traced
-from rehab_opt.session.scenario.precomputed import FieldNumbers, Precomputed
+from rehab_opt.session.files import ProblemFile
+from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
@@ -77,15 +78,16 @@ def broken(message: FromHelper | FromParticipant, rng: np.random.Generator) -> F
     return type(message)(*numbers)  # type: ignore[arg-type]
 
 
-def ready_for(problem: ScenarioProblem) -> Precomputed:
+def ready_for(config: ProblemFile[ScenarioProblem]) -> Precomputed:
     """A scenario of these workspaces: a helper who goes round in theirs."""
-    turn = np.linspace(0.0, 2 * np.pi, 100)
+    problem, turn = config.problem, np.linspace(0.0, 2 * np.pi, 100)
     there = HELPER + 0.03 * np.column_stack([np.cos(turn), np.sin(turn)])
     path, task = np.array([workspace_map().image(point) for point in there]), problem.task
     intention = traced(path, seconds=task.movement_s, rest=task.rest_s, dt=1 / problem.run.rate_hz)
     return Precomputed(
+        config=config,
         comfortable=participants(), reachable=shape("blob"), reference=path, demonstrated=there,
         workspace_map=workspace_map(),
-        fields=(), numbers=FieldNumbers(stiffness=1500.0, drag=0.0, width=0.01, damping=10.0), shown=(),
+        fields=(), numbers={"stiffness": 1500.0, "width": 0.01, "damping": 10.0}, drag=0.0, shown=(),
         intention=intention, notes=(),
     )  # fmt: skip

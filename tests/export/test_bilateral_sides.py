@@ -157,7 +157,7 @@ def test_a_scenario_of_two_becomes_two_controllers(
     stands for it."""
     task = {"movement_s": 3.0, "rest_s": 0.5}
     config = changed("scenario_together", run={"rate_hz": 200.0, "laws": laws}, task=task)
-    monkeypatch.setattr("rehab_opt.export.controllers.scenario.precompute", lambda *_, **__: ready_for(config.problem))
+    monkeypatch.setattr("rehab_opt.export.controllers.scenario.precompute", lambda *_, **__: ready_for(config))
     *alone, helper, participant = exported_controllers(config, progress=lambda *_: None)
     assert (helper.name, participant.name) == SIDES
     assert [each.name for each in alone] == (["path_assistance"] if "assisted" in laws else [])

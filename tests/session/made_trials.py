@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.control.gate import Mode
 from rehab_opt.field.potential import PotentialField
 from rehab_opt.session.scenario.measures import trial_measures
-from rehab_opt.session.scenario.problem import THERAPY
-from rehab_opt.session.scenario.trials import HELPER, LAWS, Law, ScenarioTrials, trial_trace
+from rehab_opt.session.scenario.precomputed import Precomputed
+from rehab_opt.session.scenario.problem import THERAPY, AssistanceSection
+from rehab_opt.session.scenario.scene import ScenarioTrials
+from rehab_opt.session.scenario.trials import LAWS, Law, trial_trace
 from rehab_opt.session.trace import Trace
 from rehab_opt.workspace.region import Workspace
 
@@ -23,6 +26,7 @@ COMFORTABLE = Workspace(shapely.box(-0.05, 0.40, 0.05, 0.50), accuracy=1e-6)
 REACHABLE = Workspace(shapely.Point(0.0, 0.45).buffer(0.25), accuracy=1e-6)
 LINE = np.array([[0.0, 0.45], [0.20, 0.45]])
 WITHIN = 0.005
+NOTHING: Any = None
 ALONE: tuple[Law, ...] = ("unassisted", "assisted", "published")
 """Laws without a helper."""
 
@@ -71,12 +75,13 @@ def wavering_trial(law: Law, number: int, mode: Mode, points: Array, *, seconds:
         late = (len(points) * np.arange(count)) % count > count // 3
         goal = np.where(late[:, None], points[slot], np.nan)
         places = points[slot] + waver
-    helper = (3.0 * places, force / 3.0, np.full(count, 4.0), 3.0 * meant) if law == "together" else ()
+    own = {"helper": 3.0 * places, "helper_force": force / 3.0, "_helper_intended": 3.0 * meant}
+    helper = own | {"helper_energy_left_J": np.full(count, 4.0)} if law == "together" else {}
     return trial_of(
         places, dt=1 / rate, intended=meant, force_desired=force, force_commanded=force, goal=goal,
         force_measured=force + 0.05 * rng.standard_normal((count, 2)), inside=inside,
         energy_left_J=np.full(count, 15.0 if law in ("assisted", "together") else np.nan),
-        ended="late" if number else "done", **dict(zip(HELPER, helper, strict=False)),
+        ended="late" if number else "done", **helper,
     )  # fmt: skip
 
 
@@ -92,18 +97,24 @@ def made_outcome(mode: Mode, *, trials: int = 3, laws: tuple[Law, ...] = ALONE) 
         law: tuple(trial_measures(of, reference=reference, mode=mode, target=target, within=WITHIN) for of in each)
         for law, each in done.items()
     }
-    return ScenarioTrials(
-        mode=mode,
+    assistance, task = AssistanceSection(force_limit_N=30.0), SimpleNamespace(within_mm=1e3 * WITHIN)
+    problem: Any = SimpleNamespace(mode=mode, assistance=assistance, task=task)
+    config: Any = SimpleNamespace(problem=problem)
+    context = Precomputed(
+        config=config,
         comfortable=COMFORTABLE,
         reachable=REACHABLE,
         reference=reference,
         demonstrated=None if mode in THERAPY else 3.0 * (reference - (0.0, 0.45)) + (0.0, 0.45),
+        workspace_map=None,
         fields=fields(reference),
-        within=WITHIN,
-        force_limit=30.0,
-        trials=done,
-        measures=measures,
+        numbers={"stiffness": 2000.0, "width": 0.02, "damping": 0.0},
+        drag=1.0,
+        shown=(),
+        intention=NOTHING,
+        notes=(),
     )
+    return ScenarioTrials(context, done, measures)
 
 
 def _circle() -> Array:

@@ -14,14 +14,11 @@ from rehab_opt.session.drawing import THIN
 from rehab_opt.session.scenario.field_figures import gated_forces
 from rehab_opt.session.scenario.figures import trials_figure
 from rehab_opt.session.scenario.plane_drawing import mean_over_trials
+from rehab_opt.session.scenario.problem import AssistanceSection
 from rehab_opt.session.scenario.trials import RATE, thinned_ticks
 from tests.session.made_trials import COMFORTABLE, REACHABLE, made_outcome, trial_of
 
 # ---------------------------------------------------------------------------------------------------------- figures
-FIGURES: dict[Mode, set[str]] = {
-    "resist": {"field", "trials", "comparison", "parameters", "along"},
-    "hold": {"field", "trials", "comparison", "deviation"},
-}
 
 
 def test_every_trial_is_a_line_and_no_peak_of_a_force_is_lost() -> None:
@@ -46,32 +43,32 @@ def test_mean_over_trials_is_of_those_under_way_and_ends_with_half_of_them() -> 
 
 @pytest.mark.parametrize("mode", ["stretch", "assist", "resist"])
 def test_drawn_field_is_zero_within_the_comfortable_workspace_in_therapy(mode: Mode) -> None:
-    outcome, points = made_outcome(mode, trials=1), _spread_points()
-    forces, inside = gated_forces(outcome, points), np.asarray(COMFORTABLE.contains(points))
+    context, points = made_outcome(mode, trials=1).context, _spread_points()
+    forces, inside = gated_forces(context, points), np.asarray(COMFORTABLE.contains(points))
     there = np.asarray(REACHABLE.contains(points))
     assert not forces[inside].any()
     assert np.isnan(forces[~there]).all()
-    drawn, whole = there & ~inside, outcome.fields[0].force(points)
+    drawn, whole = there & ~inside, context.fields[0].force(points)
     assert np.allclose(forces[drawn], whole[drawn])
-    outcome = replace(outcome, onset=0.1)
+    context.problem.assistance = AssistanceSection(onset_mm=100.0)
     share = np.minimum(np.asarray(COMFORTABLE.distance(points[drawn])) / 0.1, 1.0)
-    assert np.allclose(gated_forces(outcome, points)[drawn], share[:, None] * whole[drawn])
+    assert np.allclose(gated_forces(context, points)[drawn], share[:, None] * whole[drawn])
 
 
 @pytest.mark.parametrize("mode", ["follow", "hold"])
 def test_drawn_field_is_within_the_comfortable_workspace_alone_in_help(mode: Mode) -> None:
-    outcome, points = made_outcome(mode, trials=1), _spread_points()
-    forces, inside = gated_forces(outcome, points), np.asarray(COMFORTABLE.contains(points))
+    context, points = made_outcome(mode, trials=1).context, _spread_points()
+    forces, inside = gated_forces(context, points), np.asarray(COMFORTABLE.contains(points))
     assert np.isnan(forces[~inside]).all()
     assert np.isfinite(forces[inside]).all()
     if mode == "hold":  # a spring to the nearest of the points
-        away = outcome.reference[None] - points[inside][:, None]
+        away = context.reference[None] - points[inside][:, None]
         nearest = away[np.arange(inside.sum()), np.linalg.norm(away, axis=2).argmin(axis=1)]
         assert np.allclose(forces[inside], 3500.0 * nearest)
     else:  # a spring across the path
-        outcome = replace(outcome, spring=100.0)
-        drawn = np.linalg.norm(gated_forces(outcome, points)[inside], axis=1)
-        path = shapely.LineString(outcome.fields[0].paths[0].points)
+        context = replace(context, drag=0.0, numbers={"stiffness": 100.0})
+        drawn = np.linalg.norm(gated_forces(context, points)[inside], axis=1)
+        path = shapely.LineString(context.fields[0].paths[0].points)
         assert np.allclose(drawn, 100.0 * shapely.distance(path, shapely.points(points[inside])))
 
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from rehab_opt.control.command import Status
 from rehab_opt.control.gate import Mode
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.along_path import projected
 from rehab_opt.session.scenario.measures import law_summary, time_to_zero_force, trial_measures
 from rehab_opt.session.trace import Trace
@@ -196,15 +195,3 @@ def test_summary_is_mean_and_worst_and_a_time_that_was_never_reached_is_the_wors
         "a_N": 2.5, "smoothness_sparc": -3.5, "time_to_target_s": 3.0, "status_fraction": {"ok": 0.5, "backup": 0.5},
     }  # fmt: skip
     assert summary["worst"] == {"a_N": 4.0, "smoothness_sparc": -5.0, "time_to_target_s": None}
-
-
-def test_what_cannot_be_measured_is_refused_by_name() -> None:
-    for argument, trial, reference, within in (
-        ("trial", trial_of(STILL[:2], t_s=np.zeros(1)), LINE, WITHIN),
-        ("reference", trial_of(STILL), LINE[0], WITHIN),
-        ("reference", trial_of(STILL), LINE * math.nan, WITHIN),
-        ("within", trial_of(STILL), LINE, math.nan),
-    ):
-        with pytest.raises(ConfigurationError) as refused:
-            trial_measures(trial, reference=reference, mode="assist", target=None, within=within)
-        assert refused.value.argument == argument

@@ -70,7 +70,9 @@ def off_the_path(found: Outcome, law: str) -> int:
     """Ticks in which the hand is more than a width off the path."""
     width = 1e-3 * found.metrics["parameters"]["field"]["width_mm"]
     of = trials_of(found)
-    return sum(int((projected(trial["_hand"], of.reference).distance > width).sum()) for trial in of.trials[law])  # type: ignore[index]
+    return sum(
+        int((projected(trial["_hand"], of.context.reference).distance > width).sum()) for trial in of.trials[law]
+    )  # type: ignore[index]
 
 
 def test_help_along_a_path_brings_the_hand_nearer_to_it_and_to_where_the_person_means_to_be() -> None:
@@ -82,7 +84,7 @@ def test_help_along_a_path_brings_the_hand_nearer_to_it_and_to_where_the_person_
     assert off_the_path(found, "assisted") <= 0.1 * off_the_path(found, "unassisted")
     of = trials_of(found)
     for trial in of.trials["assisted"]:  # the help ends at the end
-        at_end = np.linalg.norm(trial["_hand"] - of.reference[-1], axis=1) < 1e-3
+        at_end = np.linalg.norm(trial["_hand"] - of.context.reference[-1], axis=1) < 1e-3
         assert not at_end[-1] or np.linalg.norm(trial["force_commanded"][-1]) < 1e-9
 
 
@@ -114,7 +116,7 @@ def test_no_bound_of_the_force_is_exceeded_in_a_run(name: str) -> None:
 
 def test_the_reference_of_a_mapped_scenario_lies_in_the_comfortable_workspace() -> None:
     found = outcome("scenario_5_hold")
-    of = trials_of(found)
+    of = trials_of(found).context
     areas = {"comfortable_cm2": 1e4 * of.comfortable.area, "reachable_cm2": 1e4 * of.reachable.area}
     assert found.metrics["workspaces"] == pytest.approx(areas)
     assert np.all(of.comfortable.contains(of.reference))
@@ -268,7 +270,7 @@ def test_with_a_helper_the_participant_keeps_to_the_path_and_no_delay_makes_the_
             assert led["deviation_mean_m"] <= 0.5 * alone["deviation_mean_m"]
             assert led["pair_energy_drawn_max_J"] <= 2 * budget
             assert led["helper_force_max_N"] <= 30.0
-    assert np.all(of.reachable.distance(found.traces["together", 0]["helper"]) < 0.02)
+    assert np.all(of.context.reachable.distance(found.traces["together", 0]["helper"]) < 0.02)
     assert any(note.startswith("delayed: the helper felt") for note in found.notes)
     with pytest.raises(ProblemFileError, match=r"run\.laws"):
         changed("scenario_2_assist", run={"laws": ["together"]})

@@ -80,32 +80,30 @@ def exported_scenario(config: ProblemFile[ScenarioProblem], *, progress: Progres
     context = precompute(config, progress=progress)
     laws = config.problem.run.laws
     pairs = [law for law in laws if law in ("together", "delayed")]
-    helpers = [_assistance(config, context)] if "assisted" in laws or not pairs else []
-    return [*helpers, *(_sides(config, context, delayed="delayed" in pairs) if pairs else ())]
+    helpers = [_assistance(context)] if "assisted" in laws or not pairs else []
+    return [*helpers, *(_sides(context, delayed="delayed" in pairs) if pairs else ())]
 
 
-def _assistance(config: ProblemFile[ScenarioProblem], context: Precomputed) -> ExportedController:
-    problem = config.problem
-    helper = assistance_of(problem, context, solver=FUSED, backup=FUSED)
+def _assistance(context: Precomputed) -> ExportedController:
+    problem = context.problem
+    helper = assistance_of(context, solver=FUSED, backup=FUSED)
     if isinstance(helper, PathAssistance):
-        trial = simulate_trial(scene_of(config, context), Assisted(helper), number=0, seed=problem.task.seed)
+        trial = simulate_trial(scene_of(context), Assisted(helper), number=0, seed=problem.task.seed)
         return exported_path_assistance(helper, trial["_hand"], title=problem.title)
-    law = Listening(assisted_law(problem, context, helper), helper)
-    trial = simulate_trial(scene_of(config, context), law, number=0, seed=problem.task.seed)
+    law = Listening(assisted_law(context, helper), helper)
+    trial = simulate_trial(scene_of(context), law, number=0, seed=problem.task.seed)
     offset = law.offsets if problem.mode == "hold" else None
     return exported_assistance(helper, trial["_hand"], title=problem.title, fields=context.fields[1:], offset=offset)
 
 
-def _sides(
-    config: ProblemFile[ScenarioProblem], context: Precomputed, *, delayed: bool
-) -> Sequence[ExportedController]:
-    problem = config.problem
+def _sides(context: Precomputed, *, delayed: bool) -> Sequence[ExportedController]:
+    problem = context.problem
     delay = problem.helper.delay_s if delayed else 0.0
-    both = Overheard(*sides_of(config, context, solver=FUSED), delay=delay)
-    law = together_of(both, config, context)
-    simulate_trial(scene_of(config, context), law, number=0, seed=problem.task.seed)
+    both = Overheard(*sides_of(context, solver=FUSED), delay=delay)
+    law = together_of(both, context)
+    simulate_trial(scene_of(context), law, number=0, seed=problem.task.seed)
     hands, received = np.array(both.hands), list(zip(*both.received, strict=True))
-    helper, participant = sides_of(config, context, solver=FUSED, backup=FUSED)
+    helper, participant = sides_of(context, solver=FUSED, backup=FUSED)
     return (
         exported_helper_side(helper, hands[:, 0], received[0], title=problem.title),
         exported_participant_side(participant, hands[:, 1], received[1], title=problem.title),

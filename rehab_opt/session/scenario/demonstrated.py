@@ -19,18 +19,16 @@ from rehab_opt.session.participant import projected
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.problem import ScenarioProblem
 
-__all__ = ["fit_metrics", "learnt"]
-
-
 KEY = "task.demonstrations"
 MOST = {"stiffness": 1e5, "drag": 1e5, "damping": 1e4}
 """Upper limits, as for values in a file."""
 
 
 class Learnt(NamedTuple):
-    """A field, the demonstrations that it was learnt from (in the robot's frame), and notes on them."""
+    """A field, its fit, the demonstrations that it was learnt from (in the robot's frame), and notes on them."""
 
     field: PotentialField
+    fit: Fit
     shown: tuple[Demonstration, ...]
     notes: tuple[str, ...]
 
@@ -50,7 +48,7 @@ def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt |
     field = _field(config, shown, path, rests=config.problem.mode == "assist")
     assert field.fit is not None
     said = *_fit_notes(field.fit, len(shown)), *_data_notes(config.problem, shown)
-    return Learnt(field, shown, (*notes, *said))
+    return Learnt(field, field.fit, shown, (*notes, *said))
 
 
 def fit_metrics(fit: Fit) -> dict[str, Any]:

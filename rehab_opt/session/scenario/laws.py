@@ -1,16 +1,16 @@
-"""The three controllers of a trial, in the interface of the loop: none, ours, and the paper's."""
+"""The controllers of a trial, in the interface of the loop: none, ours, and the paper's."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
 from rehab_opt.control.assistance import Assistance
-from rehab_opt.control.bounded_force import BoundedForce, ForceBounds
+from rehab_opt.control.bounded_force import BoundedForce
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.path_assistance import PathAssistance
 from rehab_opt.control.smoother import Smoother
@@ -22,25 +22,11 @@ from rehab_opt.session.refusals import refused_as, solver_refusals
 from rehab_opt.session.scenario.problem import ScenarioProblem
 from rehab_opt.session.scenario.trials import Law
 
-__all__ = [
-    "BOUNDED",
-    "Assisted",
-    "AssistedAtPoints",
-    "ForceLaw",
-    "Published",
-    "Unassisted",
-    "bounds_of",
-    "bounds_refusals",
-    "check_bounds",
-    "swinging_notes",
-]
-
-
 NONE = (0.0, 0.0)
 
 
-class ForceLaw(ABC):
-    """A controller from positions to forces."""
+class ForceLaw:
+    """A controller from positions to forces; this one adds no force."""
 
     notes: tuple[str, ...] = ()
     """Notes on parameters that do not fit together."""
@@ -51,87 +37,60 @@ class ForceLaw(ABC):
     led: tuple[float, float] | None = None
     """[m] Position to which the live user leads the helper's hand, in the helper's workspace; None: the helper follows
     their own intention."""
-    along: tuple[float, float, float, float] = (math.nan,) * 4
-    """[m, N] Position of the helper's hand, and the force on it; NaN without a helper."""
+    along: tuple[float, ...] = (math.nan,) * 7
+    """[m, N, J, m] Position of the helper's hand, force on it, energy in its tank, intended position; NaN without a
+    helper."""
 
-    def start(self, number: int) -> None:  # noqa: B027  (most have nothing to forget)
+    def start(self, number: int) -> None:
         """Start a trial."""
 
-    def set_goal(self, goal: int) -> None:  # noqa: B027  (most have one field for all)
+    def set_goal(self, goal: int) -> None:
         """Set a new goal."""
 
-    @abstractmethod
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The force (2,) [N] for a hand at (x, y) [m]; `enable` and `stamp` as in `Assistance.step`."""
-
-    def partner(self) -> dict[str, Array]:
-        """Trace columns of the helper; empty without one."""
-        return {}
-
-
-class Unassisted(ForceLaw):
-    """The robot follows the hand and adds no force."""
-
-    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """Zero force."""
-        return uncertified(NONE)
-
-
-def uncertified(force: tuple[float, float]) -> Command:
-    """A command with a force [N] of a controller without a certificate."""
-    return Command(np.array(force), Status.OK, "", math.inf, -1, "", Relaxed.NOTHING, 1.0)
+        return Command(np.array(self.desired_force), Status.OK, "", math.inf, -1, "", Relaxed.NOTHING, 1.0)
 
 
 class Assisted(ForceLaw):
-    """`Assistance` or `PathAssistance`, which estimate the velocity from the positions."""
-
-    def __init__(self, assistance: Assistance | PathAssistance) -> None:
-        self._assistance, self.notes = assistance, assistance.notes
-
-    def start(self, number: int) -> None:
-        """Start with zero force and a full tank."""
-        self._assistance.reset()
-        self.desired_force, self.energy_left = NONE, self._assistance.energy_left
-
-    def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The certified force, with its status and reason."""
-        command = self._assistance.step((x, y), enable=enable, stamp=stamp)
-        self.desired_force, self.energy_left = self._assistance.desired_force, self._assistance.energy_left
-        return command
-
-
-class AssistedAtPoints(Assisted):
-    """Holds one point after the other; between points a `Smoother` shifts the field.
-
-    A field that jumps to the next point would pull the hand there with its full force.
+    """`Assistance` or `PathAssistance`, which estimate the velocity from the positions.
 
     Parameters
     ----------
-    assistance : with the field of points[0]. points : (M, 2) [m]. pace : limits the motion of the field.
+    assistance : to hold points, with the field of the first one.
+    points, pace : (M, 2) [m] points to hold; the pace shifts the field between them. A field that jumped to the next
+        point would pull the hand there with its full force.
     """
 
-    def __init__(self, assistance: Assistance, points: Array, pace: Smoother) -> None:
-        super().__init__(assistance)
-        self._shifting = assistance
-        self._points, self._pace = points, pace
+    def __init__(
+        self, assistance: Assistance | PathAssistance, points: Array | None = None, pace: Smoother | None = None
+    ) -> None:
+        self._assistance, self._points, self._pace, self.notes = assistance, points, pace, assistance.notes
 
     def start(self, number: int) -> None:
-        """Start at the first point."""
-        super().start(number)
-        self._goal, self._there = self._points[0], False
-        self._pace.reset(self._points[0])
+        """Start with zero force and a full tank, at the first point."""
+        self._assistance.reset()
+        self.desired_force, self.energy_left = NONE, self._assistance.energy_left
+        if self._pace is not None and self._points is not None:
+            self._pace.reset(self._points[0])
+        self.set_goal(0)
 
     def set_goal(self, goal: int) -> None:
         """Move to the next point."""
-        self._goal, self._there = self._points[goal], False
+        self._goal, self._there = goal, self._points is None
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
-        """The certified force towards the field's current position."""
+        """The certified force, with its status and reason."""
+        assistance = self._assistance
         if not self._there:
-            to_x, to_y = (self._pace.step(self._goal).value - self._points[0]).tolist()
-            self._shifting.shift(to_x, to_y)
+            assert self._pace is not None
+            assert self._points is not None
+            assert isinstance(assistance, Assistance)
+            assistance.shift(*(self._pace.step(self._points[self._goal]).value - self._points[0]).tolist())
             self._there = self._pace.arrived
-        return super().command(x, y, enable=enable, stamp=stamp)
+        command = assistance.step((x, y), enable=enable, stamp=stamp)
+        self.desired_force, self.energy_left = assistance.desired_force, assistance.energy_left
+        return command
 
 
 class Published(ForceLaw):
@@ -152,7 +111,7 @@ class Published(ForceLaw):
         velocity = ((x - before[0]) / self._dt, (y - before[1]) / self._dt)
         force_x, force_y = self._law.force(np.array((x, y)), np.array(velocity)).tolist()
         self.desired_force = (force_x, force_y)
-        return uncertified(self.desired_force)
+        return super().command(x, y)
 
 
 BOUNDED: tuple[Law, ...] = ("assisted", "together", "delayed")
@@ -166,13 +125,15 @@ def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
             yield f"{name}: {note.replace('slew_limit =', 'assistance.slew_limit_N_s =')}"
 
 
-def bounds_of(problem: ScenarioProblem, *, solver: str | None) -> ForceBounds:
+def bounds_of(problem: ScenarioProblem, *, solver: str | None, backup: str | None = None) -> dict[str, Any]:
     """Bounds that both sides of a pair share with the assistance; `solver` overrides the file's."""
-    keys = ("slew_limit_N_s", "growth_limit_N_s", "energy_budget_J", "speed_cap_m_s")
+    bounds = problem.assistance.arguments()
+    del bounds["onset"]
     return {
-        **problem.assistance.arguments(*keys),  # type: ignore[typeddict-item]
+        **bounds,
         "trust_stillness": True,  # a simulated sensor does not freeze
         "solver": solver or problem.run.solver or FUSED,
+        "backup": backup,
         "dt": 1 / problem.run.rate_hz,
     }
 
@@ -196,8 +157,5 @@ def bounds_refusals(config: ProblemFile[ScenarioProblem], *, solver: str | None,
 
 def check_bounds(config: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
     """Check solver and bounds before any computation; see `bounds_refusals`."""
-    problem = config.problem
     with bounds_refusals(config, solver=solver, section="assistance"):
-        BoundedForce(
-            lambda *_: (0.0, 0.0), force_limit=problem.assistance.force_limit_N, **bounds_of(problem, solver=solver)
-        )
+        BoundedForce(lambda *_: NONE, **bounds_of(config.problem, solver=solver))

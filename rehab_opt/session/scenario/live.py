@@ -12,21 +12,16 @@ import numpy as np
 from rehab_opt.control.arm_ik import ArmIK
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.plants.plant import Plant
-from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, ORANGE, PURPLE, ArmBodies, joint_rows, near_limit, screen
 from rehab_opt.session.live.problem import LiveControl, LiveProblem
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.participant import arm_of
-from rehab_opt.session.scenario.controllers import law_of, scene_of
+from rehab_opt.session.scenario.controllers import Task, law_of
 from rehab_opt.session.scenario.loop import Helping
-from rehab_opt.session.scenario.precomputed import Precomputed, precompute
-from rehab_opt.session.scenario.problem import ScenarioProblem
+from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.workspaces.reached import placement_of, tilt_of
 from rehab_opt.workspace.region import Workspace
-
-__all__ = ["LiveScenario"]
-
 
 LIVE: tuple[Law, ...] = ("assisted", "together", "delayed")
 """The live run uses the first of these controllers that the file names."""
@@ -43,35 +38,30 @@ class LiveScenario(LiveProblem):
 
     controls = frozenset({"target", "push", "faults"})
 
-    def __init__(self, config: ProblemFile[ScenarioProblem], *, solver: str | None) -> None:
-        problem = config.problem
+    def __init__(self, task: Task) -> None:
+        problem = task.problem
         able = [law for law in LIVE if law in problem.run.laws]
         if not able:
-            raise ProblemFileError(config.file, "run.laws", problem.run.laws, f"one of {', '.join(LIVE)} among them")
-        self._config, self._solver, self._law = config, solver, able[0]
+            expected = f"one of {', '.join(LIVE)} among them"
+            raise ProblemFileError(task.config.file, "run.laws", problem.run.laws, expected)
+        self._task, self._law = task, able[0]
         self.hands = 1 if self._law == "assisted" else 2
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
         self.names, self.force = ("x", "y"), 2
         self._q: Array | None = None
         self.layout = {"hand": 2, "meant": 2, "force": 2, "desired": 2, "exerted": 2, "energy": 1, "along": 4}
 
-    @cached_property
-    def context(self) -> Precomputed:
-        """Workspaces, fields and the person's intention."""
-        return precompute(self._config, progress=lambda *_: None)
-
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The controller "assisted", or else a pair, with the person and robot of the file's trials."""
-        context, problem = self.context, self._config.problem
-        law = law_of(self._law, self._config, context, solver=self._solver)
-        scene = scene_of(self._config, context)
-        return Helping(law, scene, number=0, seed=problem.task.seed, endless=True, plant=plant)
+        task = self._task
+        law, seed = law_of(self._law, task.context, solver=task.solver), task.problem.task.seed
+        return Helping(law, task.scene, number=0, seed=seed, endless=True, plant=plant)
 
     @cached_property
     def _person(self) -> tuple[ArmBodies, ArmIK]:
         """The arm within the reachable workspace, in the robot's frame at height zero; and its posture limits."""
-        section = self._config.problem.arm
-        arm = arm_of(section.side, section.segments, section.reachable, file=self._config.file)
+        section = self._task.problem.arm
+        arm = arm_of(section.side, section.segments, section.reachable, file=self._task.config.file)
         place = placement_of(section).pose
         place[2, 3] = -section.plane_height_m
         arm = replace(arm, base=place @ arm.base)
@@ -79,9 +69,9 @@ class LiveScenario(LiveProblem):
 
     def scene(self) -> dict[str, Any]:
         """W_c, W_r, the reference, and the field's force on a hand at rest."""
-        context, said = self.context, self._config.problem.assistance
+        context, said = self._task.context, self._task.problem.assistance
         reference = _flat(context.reference)
-        pair, holds = self.hands == 2, self._config.problem.mode == "hold"
+        pair, holds = self.hands == 2, context.mode == "hold"
         shown = [] if context.demonstrated is None or not pair else [_flat(context.demonstrated).tolist()]
         wide = context.reachable if pair else context.comfortable
         around = np.vstack([reference, _flat(np.array(wide.polygon.bounds).reshape(2, 2))])
@@ -131,7 +121,7 @@ class LiveScenario(LiveProblem):
         ]
         second, goal = shown["desired"], {}
         if self.hands == 2:
-            workspace_map, along = self.context.workspace_map, shown["along"]
+            workspace_map, along = self._task.context.workspace_map, shown["along"]
             assert workspace_map is not None
             second, target = along[2:], [*along[:2].tolist(), 0.0]
             goal = {"goal": [*workspace_map.image(along[:2]).tolist(), 0.0]}

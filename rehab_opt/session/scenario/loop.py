@@ -28,9 +28,6 @@ from rehab_opt.session.simulation import simulate
 from rehab_opt.session.trace import Trace
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["Arrival", "Helping", "Scene", "hand_robot_of", "person_of", "robot_model_of", "simulate_trial"]
-
-
 STOOD = reason_text(NUMBER["HAND_STANDS"], ())
 STABLE = 1 + 1e-6
 """Largest growth per tick that counts as rounding."""
@@ -79,15 +76,8 @@ def hand_robot_of(config: ProblemFile[ScenarioProblem]) -> MakesRobots:
     return OnMujoco(model, channel_of(table), ms(table.force_lag_ms), ms(table.physics_step_ms), table.seed)
 
 
-CALM = 0.02
-"""[m/s] A slower hand has arrived."""
-
-
-class Arrival(NamedTuple):
-    """End of a reach: the hand was within a distance [m] of its goal, at rest, for a time [s]."""
-
-    within: float
-    seconds: float
+CALM, REST = 0.02, 0.5
+"""[m/s, s] A hand that is slower, and for so long, has arrived."""
 
 
 class Scene(NamedTuple):
@@ -97,8 +87,8 @@ class Scene(NamedTuple):
     person: Person
     robot: MakesRobots
     intention: Intention
-    arrival: Arrival | None
-    """None if the trial ends by time."""
+    within: float | None
+    """[m] A reach ends when the hand has been within this distance of its goal; None: the trial ends by time."""
     dt: float
 
     @property
@@ -169,25 +159,24 @@ class Helping(LiveControl):
         return {
             "hand": self.person.hand[:2], "meant": self._meant[self.now][:2], "force": self._force,
             "desired": self.law.desired_force, "exerted": self.person.exerted, "energy": self.law.energy_left,
-            "along": self.law.along,
+            "along": self.law.along[:4],
         }  # fmt: skip
 
 
 def simulate_trial(scene: Scene, law: ForceLaw, *, number: int, seed: int) -> Trace:
     """One trial from rest at the intention's first position; the seed sets the noise of person and sensor."""
-    intention, arrival = scene.intention, scene.arrival
+    intention, within = scene.intention, scene.within
     control = Helping(law, scene, number=number, seed=seed, endless=False)
-    needed = math.inf if arrival is None else math.ceil(arrival.seconds / scene.dt)
-    calm = 0
+    needed, calm = math.ceil(REST / scene.dt), 0
 
     def arrived() -> bool:
         """Whether, after a tick, the hand has been at its goal and at rest for long enough."""
         nonlocal calm
-        if arrival is None:
+        if within is None:
             return False
         x, y, vx, vy = control.person.hand
         goal_x, goal_y = intention.goals[intention.goal[control.now]].tolist()
-        near = math.hypot(x - goal_x, y - goal_y) <= arrival.within and math.hypot(vx, vy) <= CALM
+        near = math.hypot(x - goal_x, y - goal_y) <= within and math.hypot(vx, vy) <= CALM
         calm = calm + 1 if near else 0
         return calm >= needed
 
@@ -197,13 +186,12 @@ def simulate_trial(scene: Scene, law: ForceLaw, *, number: int, seed: int) -> Tr
         ticks=control.pace.ticks,
         also=lambda _, command: {
             "now": control.now, "desired": tuple(law.desired_force), "energy": law.energy_left,
-            "gave": command.relaxed._value_,
+            "gave": command.relaxed._value_, "along": law.along,
         },
     )  # fmt: skip
     at, hand = found["now"], found["joint"]
     if len(at) == control.pace.ticks:
         arrived()
-    late = {"_seen": found["measured"], "_acting": found["_effort"]} if isinstance(scene.robot, OnMujoco) else {}
     columns = {
         "t_s": found["t_s"],
         "_hand": hand,
@@ -219,5 +207,10 @@ def simulate_trial(scene: Scene, law: ForceLaw, *, number: int, seed: int) -> Tr
         "_relaxed": found["gave"].astype(np.uint8),
         "_let_go": found["reason"] == STOOD,
     }
-    ended = "late" if arrival is not None and calm < needed else "done"
-    return trial_trace(columns | law.partner() | late, ended=ended)
+    if np.isfinite(law.along[0]):
+        place, force, energy, meant = np.split(found["along"], (2, 4, 5), axis=1)
+        columns |= {"helper": place, "helper_force": force, "helper_energy_left_J": energy[:, 0]}
+        columns["_helper_intended"] = meant
+    if isinstance(scene.robot, OnMujoco):
+        columns |= {"_seen": found["measured"], "_acting": found["_effort"]}
+    return trial_trace(columns, ended="late" if within is not None and calm < needed else "done")

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.command import Status
 from rehab_opt.control.gate import Mode
-from rehab_opt.errors import ConfigurationError
 from rehab_opt.measures.along_path import Projection, covered_in_order, deviation_in_order, projected
 from rehab_opt.measures.path import path_length, path_ratio
 from rehab_opt.measures.speed import mean_speed, peak_speed, spectral_arc_length
@@ -23,13 +22,13 @@ from rehab_opt.session.outcome import Array, finite
 from rehab_opt.session.scenario.problem import THERAPY
 from rehab_opt.session.trace import Trace
 
-__all__ = ["COVERED", "deviation_of", "law_summary", "time_to_zero_force", "trial_measures"]
-
 Ticks = NDArray[np.bool_]
 Numbers = dict[str, Any]
 
 COVERED = 0.95
 """Fraction of a path that must be covered, in order, for a trial to succeed."""
+NEAR = 0.25
+"""Fraction of the reference that counts as near its end."""
 LETTING_GO = (Status.RELEASING.value, Status.RELEASED.value)
 
 
@@ -42,7 +41,7 @@ def trial_measures(
     within: float,
     jump: float | None = None,
 ) -> Numbers:
-    """All measures of a trial.
+    """All measures of a trial of two ticks or more.
 
     Parameters
     ----------
@@ -51,33 +50,33 @@ def trial_measures(
         reference (follow); not needed in "hold".
     within : [m] a hand within this distance is on the target, and covers a path.
     jump : [m] stretch of a path that may be skipped and still counts as covered; default twice `within`.
-
-    Raises
-    ------
-    ConfigurationError : a trial of fewer than two ticks, a reference that is no path, or a tolerance that is not
-        positive.
     """
-    if len(trial["t_s"]) < 2:
-        raise ConfigurationError("trial", f"{len(trial['t_s'])} ticks", "two ticks or more")
     path = np.asarray(reference, dtype=np.float64)
-    if path.ndim != 2 or path.shape[1:] != (2,) or not len(path) or not np.isfinite(path).all():
-        raise ConfigurationError("reference", path.shape, "finite points (M, 2) in metres")
-    if not 0 < within < math.inf:
-        raise ConfigurationError("within", within, "metres above zero")
     where = projected(trial["_hand"], path)
     covered: float | None = None
     if mode == "follow":
         target = path[-1] if target is None else target
         covered = covered_in_order(trial["_hand"], path, within=within, jump=2 * within if jump is None else jump)
     deviation, counts = deviation_of(trial, path, mode)
+    tick, hand = _tick(trial), trial["_hand"]
+    speed, measured = _sizes(trial["velocity"]), _sizes(trial["force_measured"])
+    held = counts & (mode == "hold")
     return {
         "reference_covered_fraction": covered,
         **_deviations(deviation, counts, trial["inside"]),
-        **_forces(trial),
-        **_motion(trial, mode, counts),
-        **_from_intended(trial),
+        **_forces(trial, measured, tick),
+        "speed_mean_m_s": mean_speed(trial["velocity"], trial["t_s"]),
+        "speed_max_m_s": peak_speed(trial["velocity"]),
+        "speed_held_mean_m_s": _mean(speed, held),
+        "force_measured_held_mean_N": _mean(measured, held),
+        "duration_s": float(trial["t_s"][-1] - trial["t_s"][0]),
+        "path_length_m": path_length(hand),
+        # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
+        "path_length_ratio": finite(path_ratio(hand, None if mode in THERAPY else trial["intended"])),
+        **_mean_and_max("from_intended", "m", _sizes(hand - trial["intended"])),
         **_arrival(trial, deviation, counts, mode, target, within, covered),
-        "smoothness_sparc": None if mode == "hold" else _smoothness(trial),  # it tells of one movement, not of many
+        # It tells of one movement, not of many.
+        "smoothness_sparc": None if mode == "hold" else finite(spectral_arc_length(speed, 1.0 / tick)),
         **_statuses(trial),
         **promised(trial, where, mode),
     }
@@ -88,12 +87,11 @@ def deviation_of(trial: Trace, path: Array, mode: Mode) -> tuple[Array, Ticks]:
 
     and (N,) the ticks in which it counts.
     """
-    if mode != "hold":
-        follows, where = mode == "follow", trial["_hand"]
-        far = deviation_in_order(where, path) if follows else projected(where, path).distance
-        return far, np.ones(len(far), dtype=bool)
-    known: Ticks = np.isfinite(trial["goal"][:, 0]) & np.isfinite(trial["goal"][:, 1])
-    return np.linalg.norm(trial["_hand"] - trial["goal"], axis=1), known
+    hand = trial["_hand"]
+    if mode == "hold":
+        return _sizes(hand - trial["goal"]), np.isfinite(trial["goal"]).all(axis=1)
+    far = deviation_in_order(hand, path) if mode == "follow" else projected(hand, path).distance
+    return far, np.ones(len(far), dtype=bool)
 
 
 def _deviations(deviation: Array, counts: Ticks, inside: Ticks) -> Numbers:
@@ -112,37 +110,15 @@ def _deviations(deviation: Array, counts: Ticks, inside: Ticks) -> Numbers:
     return numbers
 
 
-def _forces(trial: Trace) -> Numbers:
-    measured, commanded = (
-        np.linalg.norm(trial["force_measured"], axis=1),
-        np.linalg.norm(trial["force_commanded"], axis=1),
-    )
-    from_rest = np.vstack((np.zeros(2), trial["force_commanded"]))
-    change = np.linalg.norm(np.diff(from_rest, axis=0), axis=1).max() / _tick(trial)
-    moved = np.diff(trial["_hand"], axis=0)
+def _forces(trial: Trace, measured: Array, tick: float) -> Numbers:
+    commanded = trial["force_commanded"]
+    changes = _sizes(np.diff(np.vstack((np.zeros(2), commanded)), axis=0))
     return {
-        "force_measured_mean_N": float(measured.mean()),
-        "force_measured_max_N": float(measured.max()),
-        "force_commanded_mean_N": float(commanded.mean()),
-        "force_commanded_max_N": float(commanded.max()),
-        "force_change_max_N_s": finite(change),
+        **_mean_and_max("force_measured", "N", measured),
+        **_mean_and_max("force_commanded", "N", _sizes(commanded)),
+        "force_change_max_N_s": finite(changes.max() / tick),
         # A force is held until the next tick: this is its work on the hand.
-        "energy_delivered_J": float((trial["force_commanded"][:-1] * moved).sum()),
-    }
-
-
-def _motion(trial: Trace, mode: Mode, counts: Ticks) -> Numbers:
-    measured = np.linalg.norm(trial["force_measured"], axis=1)
-    holds = mode == "hold" and bool(counts.any())
-    return {
-        "speed_mean_m_s": mean_speed(trial["velocity"], trial["t_s"]),
-        "speed_max_m_s": peak_speed(trial["velocity"]),
-        "speed_held_mean_m_s": float(np.linalg.norm(trial["velocity"][counts], axis=1).mean()) if holds else None,
-        "force_measured_held_mean_N": float(measured[counts].mean()) if holds else None,
-        "duration_s": float(trial["t_s"][-1] - trial["t_s"][0]),
-        "path_length_m": path_length(trial["_hand"]),
-        # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
-        "path_length_ratio": finite(path_ratio(trial["_hand"], None if mode in THERAPY else trial["intended"])),
+        "energy_delivered_J": float((commanded[:-1] * np.diff(trial["_hand"], axis=0)).sum()),
     }
 
 
@@ -155,14 +131,14 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     within: float,
     covered: float | None,
 ) -> Numbers:
-    to_target = (
-        aimed if target is None or mode == "hold" else np.linalg.norm(trial["_hand"] - np.asarray(target), axis=1)
-    )
+    to_target = aimed if target is None or mode == "hold" else _sizes(trial["_hand"] - np.asarray(target))
     on_target = counts & ((to_target if mode in THERAPY else aimed) <= within)
-    last = float(to_target[counts][-1]) if counts.any() else math.nan
-    reached_fraction = _reached_fraction(trial, on_target) if mode == "hold" else None
-    first = np.flatnonzero(on_target)
-    met = last <= within if reached_fraction is None else reached_fraction == 1.0
+    last, first = float(to_target[counts][-1]) if counts.any() else math.nan, np.flatnonzero(on_target)
+    reached, met = None, last <= within
+    if mode == "hold":  # each of the points, at any time while it counts
+        goals, held = ({tuple(goal) for goal in trial["goal"][ticks].tolist()} for ticks in (counts, on_target))
+        reached = len(held) / len(goals) if goals else 0.0
+        met = reached == 1.0
     met = met and (covered is None or covered >= COVERED)
     return {
         "success": bool(str(trial["_ended"]) == "done" and met),
@@ -170,30 +146,12 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
         "time_to_target_s": float(trial["t_s"][first[0]] - trial["t_s"][0]) if mode in THERAPY and len(first) else None,
         "time_on_target_s": float(on_target.sum() * _tick(trial)),
         "time_on_target_fraction": float(on_target.sum() / counts.sum()) if counts.any() else None,
-        "goals_reached_fraction": reached_fraction,
+        "goals_reached_fraction": reached,
     }
 
 
-def _from_intended(trial: Trace) -> Numbers:
-    """Distance of the hand from the person's intended position."""
-    behind = np.linalg.norm(trial["_hand"] - trial["intended"], axis=1)
-    return {"from_intended_mean_m": float(behind.mean()), "from_intended_max_m": float(behind.max())}
-
-
-def _reached_fraction(trial: Trace, on_target: Ticks) -> float:
-    """Fraction of the points to hold that the hand reached in time."""
-    goals = {tuple(goal) for goal in trial["goal"][np.isfinite(trial["goal"]).all(axis=1)].tolist()}
-    reached = {tuple(goal) for goal in trial["goal"][on_target].tolist()}
-    return len(reached) / len(goals) if goals else 0.0
-
-
-def _smoothness(trial: Trace) -> float | None:
-    return finite(spectral_arc_length(np.linalg.norm(trial["velocity"], axis=1), 1.0 / _tick(trial)))
-
-
 def _statuses(trial: Trace) -> Numbers:
-    counts = Counter(trial["status"].tolist())
-    let_go = np.isin(trial["status"], LETTING_GO)
+    counts, let_go = Counter(trial["status"].tolist()), np.isin(trial["status"], LETTING_GO)
     known = {status.value: counts[status.value] / len(let_go) for status in Status if counts[status.value]}
     return {
         "status_fraction": known,
@@ -202,38 +160,25 @@ def _statuses(trial: Trace) -> Numbers:
     }
 
 
-def _tick(trial: Trace) -> float:
-    """Tick of the trial [s]."""
-    return float(np.median(np.diff(trial["t_s"])))
-
-
-NEAR = 0.25
-"""Fraction of the reference that counts as near its end."""
-
-
-def promised(trial: Trace, where: Projection, mode: Mode) -> dict[str, Any]:
+def promised(trial: Trace, where: Projection, mode: Mode) -> Numbers:
     """Numbers that the controller guarantees, for one trial; `where` are its positions on the reference.
 
     Inside W_c the magnitude of the commanded force may not grow. The force along the reference, towards its end, counts
     only outside W_c.
     """
-    desired, commanded = (
-        np.linalg.norm(trial["force_desired"], axis=1),
-        np.linalg.norm(trial["force_commanded"], axis=1),
-    )
-    growth = np.diff(np.concatenate(([0.0], commanded)))
-    inside, outside = trial["inside"], ~trial["inside"]
+    desired, commanded = _sizes(trial["force_desired"]), _sizes(trial["force_commanded"])
+    growth, inside = np.diff(commanded, prepend=0.0), trial["inside"]
     along = (trial["force_commanded"] * where.tangent).sum(axis=1)
-    led = mode != "hold" and bool(outside.any())
+    led = ~inside & (mode != "hold")
     near = where.length - where.along <= NEAR * where.length
     return {
         "force_desired_inside_max_N": float(desired[inside].max()) if inside.any() else None,
         "force_growth_inside_max_N": float(growth[inside].max()) if inside.any() else None,
         "time_to_zero_force_after_entry_max_s": time_to_zero_force(trial),
-        "force_along_reference_outside_min_N": float(along[outside].min()) if led else None,
-        "force_along_reference_outside_max_N": float(along[outside].max()) if led else None,
-        "force_along_reference_last_quarter_mean_N": _mean(along, outside & near if led else None),
-        "force_along_reference_before_mean_N": _mean(along, outside & ~near if led else None),
+        "force_along_reference_outside_min_N": float(along[led].min()) if led.any() else None,
+        "force_along_reference_outside_max_N": float(along[led].max()) if led.any() else None,
+        "force_along_reference_last_quarter_mean_N": _mean(along, led & near),
+        "force_along_reference_before_mean_N": _mean(along, led & ~near),
     }
 
 
@@ -244,7 +189,7 @@ def time_to_zero_force(trial: Trace) -> float | None:
     None if the hand was never inside.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([0], trial["inside"].astype(np.int8), [0]))))
-    zero: NDArray[np.bool_] = (trial["force_commanded"] == 0).all(axis=1)
+    zero: Ticks = (trial["force_commanded"] == 0).all(axis=1)
     longest: float | None = None
     for entry, left in zip(edges[::2], edges[1::2], strict=True):
         first = entry + int(np.argmax(zero[entry:left])) if zero[entry:left].any() else min(left, len(zero) - 1)
@@ -252,8 +197,23 @@ def time_to_zero_force(trial: Trace) -> float | None:
     return longest
 
 
-def _mean(values: NDArray[np.float64], ticks: NDArray[np.bool_] | None) -> float | None:
-    return float(values[ticks].mean()) if ticks is not None and ticks.any() else None
+def _tick(trial: Trace) -> float:
+    """Tick of the trial [s]."""
+    return float(np.median(np.diff(trial["t_s"])))
+
+
+def _sizes(vectors: Array) -> Array:
+    """(N,) magnitudes of vectors (N, 2)."""
+    return np.asarray(np.linalg.norm(vectors, axis=1))
+
+
+def _mean_and_max(name: str, unit: str, of: Array) -> Numbers:
+    return {f"{name}_mean_{unit}": float(of.mean()), f"{name}_max_{unit}": float(of.max())}
+
+
+def _mean(values: Array, ticks: Ticks) -> float | None:
+    """Mean over the ticks (N,), None without any."""
+    return float(values[ticks].mean()) if ticks.any() else None
 
 
 LESS_IS_WORSE = frozenset(
@@ -280,7 +240,7 @@ def law_summary(measures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     mean: dict[str, Any] = {}
     worst: dict[str, Any] = {}
-    for key in measures[0] if measures else ():
+    for key in measures[0]:
         values = [of[key] for of in measures]
         if key == "success":
             continue
@@ -293,8 +253,4 @@ def law_summary(measures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         missing = key in NEVER_IS_WORST and len(known) < len(values)
         of_worst = min if key in LESS_IS_WORSE else max
         worst[key] = of_worst(known) if known and not missing else None
-    return {
-        "success_rate": float(np.mean([of["success"] for of in measures])) if measures else None,
-        "mean": mean,
-        "worst": worst,
-    }
+    return {"success_rate": float(np.mean([of["success"] for of in measures])), "mean": mean, "worst": worst}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -10,29 +10,13 @@ from rehab_opt.control.bilateral import Bilateral
 from rehab_opt.control.bilateral_sides import HelperSide, ParticipantSide
 from rehab_opt.control.command import Command
 from rehab_opt.plants.hand_robot import MakesRobots
-from rehab_opt.plants.intention import Intention, traced
+from rehab_opt.plants.intention import traced
 from rehab_opt.plants.simulated_person import Person, SimulatedPerson
-from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.scenario.laws import ForceLaw, bounds_of, bounds_refusals
 from rehab_opt.session.scenario.loop import hand_robot_of
 from rehab_opt.session.scenario.precomputed import Precomputed
-from rehab_opt.session.scenario.problem import ScenarioProblem
-from rehab_opt.session.scenario.trials import HELPER
 from rehab_opt.session.trace import Trace
-from rehab_opt.workspace.region import Workspace
-
-__all__ = ["pair_measures", "pair_of", "sides_of", "together_of"]
-
-
-class Helper(NamedTuple):
-    """The helper, their robot, and their intended motion in their workspace."""
-
-    person: Person
-    robot: MakesRobots
-    workspace: Workspace
-    intention: Intention
 
 
 class Together(ForceLaw):
@@ -40,43 +24,44 @@ class Together(ForceLaw):
 
     Parameters
     ----------
-    both : the pair. helper : the other end; the helper restarts at the end of the intended motion.
-    seed : seed of the helper's variability; a trial's number is added.
+    both : the pair. context : of the file; the helper restarts at the end of the intended motion.
+    person, makes : the helper and their robot.
     """
 
-    def __init__(self, both: Bilateral, helper: Helper, *, seed: int) -> None:
-        self._both, self._helper, self._seed = both, helper, seed
+    def __init__(self, both: Bilateral, context: Precomputed, person: Person, makes: MakesRobots) -> None:
+        self._both, self._workspace, self._healthy, self._makes = both, context.reachable, person, makes
+        self._seed, task = context.problem.task.seed, context.problem.task
+        assert context.demonstrated is not None  # the schema refuses a pair without a map
+        meant = traced(context.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=both.dt)
+        self._meant = np.hstack((meant.places, meant.velocities)).tolist()
         self.notes = both.participant.force.notes
 
     def start(self, number: int) -> None:
         """Start a new trial: both sides at rest, no messages under way."""
-        meant = self._helper.intention
         self._both.reset()
-        self._meant = np.hstack((meant.places, meant.velocities)).tolist()
-        x, y = meant.places[0].tolist()
+        x, y, *_ = self._meant[0]
         self._begin(number, (x, y))
 
     def _begin(self, number: int, start: tuple[float, float]) -> None:
         """Put the helper at rest at a position, with the noise of one trial."""
-        helper, dt, ticks, seed = self._helper, self._both.dt, len(self._meant), (self._seed + number, 2)
-        self._person = SimulatedPerson(helper.person, helper.workspace, dt=dt, ticks=ticks, seed=seed)
+        person, dt, ticks, seed = self._healthy, self._both.dt, len(self._meant), (self._seed + number, 2)
+        self._person = SimulatedPerson(person, self._workspace, dt=dt, ticks=ticks, seed=seed)
         rng = np.random.default_rng((*seed, 1))
-        self._robot = helper.robot.robot(hand_mass=helper.person.hand_mass, start=start, dt=dt, rng=rng, ticks=ticks)
-        self._number, self._now = number, 0
-        self._rows: list[tuple[float, ...]] = []
+        self._robot = self._makes.robot(hand_mass=person.hand_mass, start=start, dt=dt, rng=rng, ticks=ticks)
+        self._number, self._now, self._ticks = number, 0, 0
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The participant's force; the helper moves by a tick, or rests while the participant is not enabled."""
-        if len(self._rows) == len(self._meant):
+        if self._ticks == len(self._meant):
             self._begin(self._number + 1, (self._robot.x, self._robot.y))
+        self._ticks += 1
         both, robot = self._both, self._robot
         at_x, at_y, vx, vy = robot.x, robot.y, robot.vx, robot.vy
         felt, drawn = both.step(robot.seen, (x, y), enable=enable)
         felt_x, felt_y = felt.value.tolist()
-        push = self._person.force(at_x, at_y, vx, vy, *self._means(enable))
-        robot.step(felt_x, felt_y, *push)
-        self._rows.append((at_x, at_y, felt_x, felt_y, both.helper.force.energy_left))
-        self.along = (at_x, at_y, felt_x, felt_y)
+        meant = self._means(enable)
+        robot.step(felt_x, felt_y, *self._person.force(at_x, at_y, vx, vy, *meant))
+        self.along = (at_x, at_y, felt_x, felt_y, both.helper.force.energy_left, *meant[:2])
         self.desired_force, self.energy_left = both.participant.force.desired_force, both.participant.force.energy_left
         return drawn
 
@@ -90,72 +75,44 @@ class Together(ForceLaw):
         self._now += 1
         return meant
 
-    def partner(self) -> dict[str, Array]:
-        """`HELPER` of each tick."""
-        table = np.array(self._rows)
-        meant = self._helper.intention.places[: len(table)]
-        return dict(zip(HELPER, (table[:, 0:2], table[:, 2:4], table[:, 4], meant), strict=True))
 
-
-def pair_of(
-    config: ProblemFile[ScenarioProblem], context: Precomputed, *, delay: float, solver: str | None
-) -> Together:
-    """The pair with a mapped path and a `delay` [s].
+def sides_of(
+    context: Precomputed, *, solver: str | None, backup: str | None = None
+) -> tuple[HelperSide, ParticipantSide]:
+    """Both sides of a mapped path.
 
     Raises
     ------
     ProblemFileError : a value of the file is not valid.
     ConfigurationError : `solver` is not valid.
     """
-    return together_of(Bilateral(*sides_of(config, context, solver=solver), delay=delay), config, context)
+    helper, shared = context.problem.helper, context.workspace_map
+    assert shared is not None  # the schema refuses a pair without a map
+    bounds = bounds_of(context.problem, solver=solver, backup=backup)
+    own = helper.arguments("hand_damping_Ns_m", "exchange_per_s", hand_damping_Ns_m="damping")
+    other = helper.arguments("stiffness_N_m", "damping_Ns_m", "exchange_per_s")
+    with bounds_refusals(context.config, solver=solver, section="helper or assistance"):
+        participant = ParticipantSide(shared, comfortable=context.comfortable, **other, **bounds)
+        return HelperSide(shared, **own, **bounds), participant
 
 
-def sides_of(
-    config: ProblemFile[ScenarioProblem], context: Precomputed, *, solver: str | None, backup: str | None = None
-) -> tuple[HelperSide, ParticipantSide]:
-    """Both sides of a mapped path; raises as `pair_of`."""
-    problem, said, helper = config.problem, config.problem.assistance, config.problem.helper
-    assert context.workspace_map is not None  # the schema refuses a pair without a map
-    bounds = bounds_of(problem, solver=solver)
-    bounds["backup"] = backup
-    with bounds_refusals(config, solver=solver, section="helper or assistance"):
-        return (
-            HelperSide(
-                context.workspace_map,
-                **helper.arguments("hand_damping_Ns_m", "exchange_per_s", hand_damping_Ns_m="damping"),
-                force_limit=said.force_limit_N,
-                **bounds,
-            ),
-            ParticipantSide(
-                context.workspace_map,
-                comfortable=context.comfortable,
-                **helper.arguments("stiffness_N_m", "damping_Ns_m", "exchange_per_s"),
-                force_limit=said.force_limit_N,
-                **bounds,
-            ),
-        )
-
-
-def together_of(both: Bilateral, config: ProblemFile[ScenarioProblem], context: Precomputed) -> Together:
+def together_of(both: Bilateral, context: Precomputed) -> Together:
     """The pair as a controller, with a simulated helper.
 
     Raises
     ------
     ProblemFileError : a value of the file is not valid.
     """
-    task, helper, dt = config.problem.task, config.problem.helper, both.dt
-    assert context.demonstrated is not None
-    meant = traced(context.demonstrated, seconds=task.movement_s, rest=task.rest_s, dt=dt)
-    healthy = Person(wander=1e-3 * helper.wander_mm, tremor=0.0, spasm_rate=0.0)
-    robot = hand_robot_of(config)
-    with refused_as(config.file, "robot.{}, with the helper's hand".format):
-        robot.model.check(healthy.hand_mass, dt=dt)
-    return Together(both, Helper(healthy, robot, context.reachable, meant), seed=task.seed)
+    healthy = Person(wander=1e-3 * context.problem.helper.wander_mm, tremor=0.0, spasm_rate=0.0)
+    robot = hand_robot_of(context.config)
+    with refused_as(context.config.file, "robot.{}, with the helper's hand".format):
+        robot.model.check(healthy.hand_mass, dt=both.dt)
+    return Together(both, context, healthy, robot)
 
 
 def pair_measures(trial: Trace) -> dict[str, Any]:
     """Measures of the helper's motion and force, and the largest energy [J] that both hands together had drawn."""
-    if "_helper_intended" not in trial:
+    if "helper" not in trial:
         return {}
     felt = np.linalg.norm(trial["helper_force"], axis=1)
     off = np.linalg.norm(trial["helper"] - trial["_helper_intended"], axis=1)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from rehab_opt.control.gate import Mode
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.field.demonstration import Demonstration
 from rehab_opt.field.potential import PotentialField
@@ -24,9 +25,6 @@ from rehab_opt.session.workspaces import reached as sets
 from rehab_opt.workspace.controller_map import ControllerMap
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
-
-__all__ = ["FieldNumbers", "Precomputed", "precompute"]
-
 
 SHORTEST = 1e-3
 """[m] Least length of a path."""
@@ -85,32 +83,47 @@ def _path_key(problem: ScenarioProblem) -> str:
     return "task.demonstrations" if task.recording is None else "task.placement"
 
 
-class FieldNumbers(NamedTuple):
-    """S [N/m], k1 [N/m], sigma [m] and D [N s/m], from the file or learnt."""
+@dataclass(frozen=True, eq=False)
+class Precomputed:
+    """The precomputed parts of a problem file; all positions are in the robot's frame.
 
-    stiffness: float
-    drag: float
-    width: float
-    damping: float
+    Parameters
+    ----------
+    comfortable, reachable : W_c and W_r.
+    reference : (N, 2) [m] path, or points in the order in which they are held.
+    demonstrated, workspace_map : (N, 2) [m] path in W_r that was mapped to the reference, and the map; or None.
+    fields : fields of the assistance: one, or one for each point to hold.
+    numbers : stiffness S [N/m], width sigma [m] and damping D [N s/m], from the file or learnt. drag : k1 [N/m].
+    shown : the demonstrations that the field was learnt from.
+    """
 
-
-class Precomputed(NamedTuple):
-    """The precomputed parts; all positions are in the robot's frame."""
-
+    config: ProblemFile[ScenarioProblem]
     comfortable: Workspace
     reachable: Workspace
     reference: Array
-    """(N, 2) [m] path, or points in the order in which they are held."""
     demonstrated: Array | None
-    """(N, 2) [m] path in W_r that was mapped to the reference."""
     workspace_map: ControllerMap | None
-    """The map between the workspaces."""
     fields: tuple[PotentialField, ...]
-    numbers: FieldNumbers
+    numbers: Mapping[str, float]
+    drag: float
     shown: tuple[Demonstration, ...]
-    """The demonstrations that the field was learnt from."""
     intention: Intention
     notes: tuple[str, ...]
+
+    @property
+    def problem(self) -> ScenarioProblem:
+        """The content of the file."""
+        return self.config.problem
+
+    @property
+    def mode(self) -> Mode:
+        """The scenario."""
+        return self.config.problem.mode
+
+    @property
+    def follows_path(self) -> bool:
+        """Whether the assistance is `PathAssistance`, not a field."""
+        return self.mode == "follow" and not self.drag
 
 
 def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Precomputed:
@@ -146,19 +159,26 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         refuse_outside(config, path, comfortable)
     if problem.mode == "hold":
         path = nearest_next(path)
-    with refused_as(config.file, "field, {}".format):
-        fields = _fields(problem, path) if led is None else (led.field,)
+    if led is None:
+        numbers, drag = problem.field.arguments("stiffness_N_m", "width_mm", "damping_Ns_m"), problem.field.drag_N_m
+        with refused_as(config.file, "field, {}".format):
+            fields = _fields(problem, path, numbers)
+    else:
+        fields, drag = (led.field,), led.fit.parameters["drag"]
+        numbers = {name: led.fit.parameters[name] for name in ("stiffness", "damping")} | {"width": led.field.width}
     intention = _intention(problem, path)
     if problem.mode in THERAPY and np.all(comfortable.contains(intention.places)):
         notes.append(NotMet("the whole intended motion is within W_c (arm.comfortable), where the force is zero"))
     return Precomputed(
+        config=config,
         comfortable=comfortable,
         reachable=reachable,
         reference=path,
         demonstrated=demonstrated,
         workspace_map=workspace_map,
         fields=fields,
-        numbers=_numbers(problem, fields[0]),
+        numbers=numbers,
+        drag=drag,
         shown=() if led is None else led.shown,
         intention=intention,
         notes=tuple(notes),
@@ -184,28 +204,15 @@ def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: W
         raise ProblemFileError(config.file, "task.mapped", value, expected) from refused
 
 
-def _fields(problem: ScenarioProblem, path: Array) -> tuple[PotentialField, ...]:
+def _fields(problem: ScenarioProblem, path: Array, numbers: Mapping[str, float]) -> tuple[PotentialField, ...]:
     """One field along the path, or one for each point."""
-    said = problem.field
-    assert said.stiffness_N_m is not None
-    assert said.width_mm is not None
-    make = partial(PotentialField, stiffness=said.stiffness_N_m, width=1e-3 * said.width_mm, damping=said.damping_Ns_m)
     if problem.mode == "hold":
-        return tuple(make(point[None, :]) for point in path)
+        return tuple(PotentialField(point[None, :], **numbers) for point in path)
     if problem.mode == "resist":
-        drag = said.resistance_N / (2 * path_length(path))  # so that the force at the end is what was asked for
-        return (make(path, drag=drag, drag_along="travelled"),)
+        drag = problem.field.resistance_N / (2 * path_length(path))  # so that this is the force at the end
+        return (PotentialField(path, drag=drag, drag_along="travelled", **numbers),)
     rests = problem.mode == "assist"  # the others have no end to come to rest at
-    return (make(path, drag=said.drag_N_m, rest_on_target=rests),)
-
-
-def _numbers(problem: ScenarioProblem, field: PotentialField) -> FieldNumbers:
-    said = problem.field
-    if field.fit is None:
-        assert said.stiffness_N_m is not None
-        return FieldNumbers(said.stiffness_N_m, said.drag_N_m, field.width, said.damping_Ns_m)
-    of = field.fit.parameters
-    return FieldNumbers(of["stiffness"], of["drag"], field.width, of["damping"])
+    return (PotentialField(path, drag=problem.field.drag_N_m, rest_on_target=rests, **numbers),)
 
 
 def _intention(problem: ScenarioProblem, path: Array) -> Intention:

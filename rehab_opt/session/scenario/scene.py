@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,23 +14,21 @@ from rehab_opt.session.live.problem import LiveProblem
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.plant import plant_note
-from rehab_opt.session.scenario.controllers import follows_path, law_of, scene_of
+from rehab_opt.session.scenario.controllers import Task
 from rehab_opt.session.scenario.demonstrated import fit_metrics
-from rehab_opt.session.scenario.laws import ForceLaw, check_bounds, swinging_notes
+from rehab_opt.session.scenario.laws import swinging_notes
 from rehab_opt.session.scenario.live import LiveScenario
-from rehab_opt.session.scenario.loop import Scene, robot_model_of, simulate_trial
+from rehab_opt.session.scenario.loop import simulate_trial
 from rehab_opt.session.scenario.measures import COVERED, law_summary, trial_measures
 from rehab_opt.session.scenario.pair import pair_measures
-from rehab_opt.session.scenario.precomputed import Precomputed, precompute
+from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.problem import REACHES, ScenarioProblem
-from rehab_opt.session.scenario.trials import HELPER, Law, ScenarioTrials
+from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.systems import Names, System
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["ScenarioSystem", "TrialScene", "trials_of"]
 
 Config = ProblemFile[ScenarioProblem]
 FAR = 0.05
@@ -49,37 +46,6 @@ ASSUMPTIONS = (
 )
 
 
-class Task:
-    """The parts that the trials of a file share, built when first needed.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording is not valid.
-    ConfigurationError : `solver` is not valid.
-    """
-
-    def __init__(self, config: Config, solver: str | None) -> None:
-        robot_model_of(config)  # refused before the workspaces take their seconds
-        check_bounds(config, solver=solver)
-        self.config, self.solver, self.problem = config, solver, config.problem
-        self.progress: Progress = lambda *_: None
-
-    @cached_property
-    def context(self) -> Precomputed:
-        """Workspaces, fields and the person's intention."""
-        return precompute(self.config, progress=self.progress)
-
-    @cached_property
-    def laws(self) -> dict[Law, ForceLaw]:
-        """The controllers of the file."""
-        return {name: law_of(name, self.config, self.context, solver=self.solver) for name in self.problem.run.laws}
-
-    @cached_property
-    def scene(self) -> Scene:
-        """The simulated person and robot."""
-        return scene_of(self.config, self.context)
-
-
 class TrialScene:
     """One trial under one controller; `number` selects the person's variability."""
 
@@ -87,28 +53,23 @@ class TrialScene:
         self.task, self.law, self.number = task, law, number
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """See `trial_trace`; the helper's columns are NaN for a controller without helper, if another one has them."""
+        """See `trial_trace`."""
         task = self.task
         task.progress = progress
         law = task.laws[self.law]
         progress("", self.number, task.problem.task.trials)
-        trace = simulate_trial(task.scene, law, number=self.number, seed=task.problem.task.seed + self.number)
-        if any(law in ("together", "delayed") for law in task.problem.run.laws) and HELPER[0] not in trace:
-            nothing = np.full_like(trace["_hand"], np.nan)
-            trace |= dict(zip(HELPER, (nothing, nothing, nothing[:, 0]), strict=False))
-            trace |= {name: trace.pop(name) for name in ("status", "relaxed")}
-        return trace
+        return simulate_trial(task.scene, law, number=self.number, seed=task.problem.task.seed + self.number)
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
         """The measures of the trial."""
-        problem, context = self.task.problem, self.task.context
+        context, mode = self.task.context, self.task.problem.mode
         return trial_measures(
             trace,
             reference=context.reference,
-            mode=problem.mode,
-            target=context.reference[-1] if problem.mode in REACHES else None,
-            within=1e-3 * problem.task.within_mm,
-            jump=2 * context.numbers.width,
+            mode=mode,
+            target=context.reference[-1] if mode in REACHES else None,
+            within=1e-3 * self.task.problem.task.within_mm,
+            jump=2 * context.numbers["width"],
         ) | pair_measures(trace)
 
     def notes(self, trace: Trace) -> Iterator[str]:
@@ -116,25 +77,18 @@ class TrialScene:
         return iter(())
 
 
+class ScenarioTrials(NamedTuple):
+    """The trials of a file and their measures, by controller."""
+
+    context: Precomputed
+    trials: Mapping[Law, Sequence[Trace]]
+    measures: Mapping[Law, Sequence[Mapping[str, Any]]]
+
+
 def trials_of(outcome: Outcome) -> ScenarioTrials:
-    """The trials of a run, with their inputs."""
+    """The trials of a run."""
     task: Task = next(iter(outcome.scenes.values())).task
-    problem, context = task.problem, task.context
-    return ScenarioTrials(
-        mode=problem.mode,
-        comfortable=context.comfortable,
-        reachable=context.reachable,
-        reference=context.reference,
-        demonstrated=context.demonstrated,
-        fields=context.fields,
-        within=1e-3 * problem.task.within_mm,
-        force_limit=problem.assistance.force_limit_N,
-        trials=_by_law(outcome.traces),
-        measures={law: of["trials"] for law, of in outcome.metrics["laws"].items()},
-        shown=context.shown,
-        onset=1e-3 * problem.assistance.onset_mm,
-        spring=context.numbers.stiffness if follows_path(problem, context) else None,
-    )
+    return ScenarioTrials(task.context, _by_law(outcome.traces), _by_law(outcome.table))
 
 
 def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
@@ -145,63 +99,55 @@ def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
     return found
 
 
-def _pair_notes(problem: ScenarioProblem, measures: Mapping[Law, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
+def _pair_notes(of: ScenarioTrials) -> Iterator[str]:
     """Notes on the helper."""
-    tanks = 2 * problem.assistance.energy_budget_J
-    for law, trials in measures.items():
-        if "helper_force_mean_N" not in trials[0]:
-            continue
-        felt, most, drawn = (
-            [each[key] for each in trials]
-            for key in ("helper_force_mean_N", "helper_force_max_N", "pair_energy_drawn_max_J")
-        )
-        yield (
-            f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
-            f"together had drawn {max(drawn):.2g} J at most, of {tanks:g} J in the tanks"
-        )
+    tanks = 2 * of.context.problem.assistance.energy_budget_J
+    for law, trials in of.measures.items():
+        if "helper_force_mean_N" in trials[0]:
+            keys = ("helper_force_mean_N", "helper_force_max_N", "pair_energy_drawn_max_J")
+            felt, most, drawn = ([each[key] for each in trials] for key in keys)
+            yield (
+                f"{law}: the helper felt {np.mean(felt):.2g} N on average and {max(most):.2g} N at most; both hands "
+                f"together had drawn {max(drawn):.2g} J at most, of {tanks:g} J in the tanks"
+            )
 
 
-def _along(
-    problem: ScenarioProblem, context: Precomputed, measures: Mapping[Law, Sequence[Mapping[str, Any]]],
-    trials: Mapping[Law, Sequence[Trace]],
-) -> Iterator[str]:  # fmt: skip
+def _along(of: ScenarioTrials) -> Iterator[str]:
     """Notes along a path: parts not covered; assistance that made a trial worse; a hand that was released."""
-    if problem.mode != "follow":
-        return
-    for law, of in measures.items():
-        fractions = [each["reference_covered_fraction"] for each in of]
+    for law, measures in of.measures.items():
+        fractions = [each["reference_covered_fraction"] for each in measures]
         short = sum(fraction < COVERED for fraction in fractions)
         if short:
             yield (
-                f"{law}: {short} of {len(of)} trials did not cover the path in order, the worst of them "
+                f"{law}: {short} of {len(measures)} trials did not cover the path in order, the worst of them "
                 f"{100 * min(fractions):.0f} % of it"
             )
         if law == "unassisted":
             continue
         for key, off in WORSE.items():
             sign = -1 if key == "reference_covered_fraction" else 1
-            both = zip(of, measures.get("unassisted", ()), strict=False)
+            both = zip(measures, of.measures.get("unassisted", ()), strict=False)
             worse = sum(sign * (each[key] - free[key]) > 0.01 * free[key] for each, free in both)
             if worse:
-                yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(of)} trials"
-        let_go = np.concatenate([trial["_let_go"] for trial in trials[law]])
+                yield f"{law}: with this help the hand {off} than without any, in {worse} of {len(measures)} trials"
+        let_go = np.concatenate([trial["_let_go"] for trial in of.trials[law]])
         if let_go.any():
             yield f"{law}: a hand that stood under force was released, for {100 * let_go.mean():.2g} % of the time"
-        far = 1e3 * max(float(np.max(context.comfortable.distance(trial["_hand"]))) for trial in trials[law])
-        if far > problem.task.within_mm:
+        far = 1e3 * max(float(np.max(of.context.comfortable.distance(trial["_hand"]))) for trial in of.trials[law])
+        if far > of.context.problem.task.within_mm:
             yield f"{law}: the hand left the comfortable workspace, by up to {far:.2g} mm"
 
 
-def _runaways(problem: ScenarioProblem, context: Precomputed, trials: Mapping[Law, Sequence[Trace]]) -> Iterator[str]:
+def _runaways(of: ScenarioTrials) -> Iterator[str]:
     """Notes on unrealistic trials, and on controllers that make the hand run away."""
-    cap = problem.assistance.speed_cap_m_s
-    for law, done in trials.items():
+    cap = of.context.problem.assistance.speed_cap_m_s
+    for law, done in of.trials.items():
         fast = max(float(np.hypot(*trial["velocity"].T).max()) for trial in done)
         if fast > HAND_SPEED:
             yield f"{law}: the simulated hand reached {fast:.3g} m/s; no hand is faster than {HAND_SPEED:g} m/s"
         elif fast > cap and law != "unassisted":
             yield f"{law}: the hand reached {fast:.3g} m/s, beyond the speed cap of {cap:g} m/s"
-        far = max(float(np.max(context.reachable.distance(trial["_hand"]))) for trial in done)
+        far = max(float(np.max(of.context.reachable.distance(trial["_hand"]))) for trial in done)
         if far > FAR:
             yield f"{law}: the simulated hand was {far:.3g} m outside the reachable workspace; no arm goes there"
 
@@ -231,10 +177,10 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
         """By controller, the means and the worst of its trials; also areas of the workspaces, and the learnt field."""
-        context: Precomputed = next(iter(outcome.scenes.values())).task.context
+        context, _, measures = trials_of(outcome)
         fit = context.fields[0].fit
         return {
-            "laws": {law: law_summary(of) | {"trials": of} for law, of in _by_law(numbers).items()},
+            "laws": {law: law_summary(of) | {"trials": of} for law, of in measures.items()},
             "workspaces": {
                 "comfortable_cm2": 1e4 * context.comfortable.area,
                 "reachable_cm2": 1e4 * context.reachable.area,
@@ -245,13 +191,13 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
     def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
         """Where assistance made a trial worse; assumptions; the helper; unrealistic hands."""
         task: Task = next(iter(outcome.scenes.values())).task
-        problem, context, measures, trials = task.problem, task.context, _by_law(numbers), _by_law(outcome.traces)
-        yield from _along(problem, context, measures, trials)
-        yield from context.notes
-        yield from ASSUMPTIONS[: 2 if context.fields[0].fit is None else 1]
-        yield from () if problem.plant.kind == "ideal" else (plant_note(problem.plant, ""),)
-        yield from _pair_notes(problem, measures)
-        yield from _runaways(problem, context, trials)
+        of = trials_of(outcome)
+        yield from _along(of) if of.context.mode == "follow" else ()
+        yield from of.context.notes
+        yield from ASSUMPTIONS[: 2 if of.context.fields[0].fit is None else 1]
+        yield from () if task.problem.plant.kind == "ideal" else (plant_note(task.problem.plant, ""),)
+        yield from _pair_notes(of)
+        yield from _runaways(of)
         yield from swinging_notes(task.laws)
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
@@ -263,7 +209,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
 
     def caption(self, outcome: Outcome) -> str:
         """Number of trials, and the criterion of success."""
-        problem: ScenarioProblem = next(iter(outcome.scenes.values())).task.problem
+        problem = trials_of(outcome).context.problem
         return (
             f"mode {problem.mode}, trials each: {problem.task.trials}; means over them; success: "
             f"{SUCCESS[problem.mode]} within {problem.task.within_mm:g} mm"
@@ -285,9 +231,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
         """The file's person, until the live user selects another goal; options as for `run`."""
-        robot_model_of(config)
-        check_bounds(config, solver=options.get("solver"))
-        return LiveScenario(config, solver=options.get("solver"))
+        return LiveScenario(Task(config, options.get("solver")))
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
         """See `scenario.figures`."""
