@@ -39,5 +39,5 @@ def mirrored(setting: Setting) -> Numbers:
 def _lag(tracker: MirrorTracker, scene: Setup, plant: Plant) -> float:
     """[s] mean."""
     led = track_reference(tracker, scene, plant, patience=STALLED, progress=lambda *_: None)
-    late: float = float(led.lag.mean())
-    return late if led.complete else float("inf")
+    late: float = float(led["lag_s"].mean())
+    return late if led["_complete"] else float("inf")

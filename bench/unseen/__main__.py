@@ -121,28 +121,31 @@ def measured(config: ProblemFile[Any], name: str, *, random_seats: int, seed: in
     poses = judged(scene.reference.poses)
     found = reach(poses, content)
     branch = found.on(int(branch_of(scene.start[None])[0]))
-    by_step, by_plan = passed(step.q, poses), passed(plan.q, poses)
+    by_step, by_plan = passed(step["joint"], poses), passed(plan["joint"], poses)
     limits = content["tracker"]
     drive = driven(
         step, scene.robot, there.problem.smoothing, linear_speed=limits["linear_speed_m_s"],
         max_manipulability=tracker.max_manipulability,
     )  # fmt: skip
     clock = reference_seconds(
-        np.maximum.accumulate(plan.time - plan.lag), scene.led.poses, plan.tool[0], tracker.dt,
+        np.maximum.accumulate(plan["t_s"] - plan["lag_s"]), scene.led.poses, plan["_tool"][0], tracker.dt,
         speed=limits["linear_speed_m_s"], turning=math.radians(limits["angular_speed_deg_s"]),
     )  # fmt: skip
-    worst = [broken(led.q, led.command, tracker.dt, content, acceleration=ACCELERATION) for led in (step, plan)]
+    worst = [
+        broken(led["joint"], led["command"], tracker.dt, content, acceleration=ACCELERATION) for led in (step, plan)
+    ]
     return Row(
         name, float(found.anyhow.mean()), float(branch.mean()), place.passed, _mean(by_step, found.anyhow),
         _mean(by_step, branch), _mean(by_plan, found.anyhow), float(by_step.mean()),
-        best_random(poses, found.person, content, random_seats, np.random.default_rng(seed)), step.complete,
-        _mean(passed(drive.q, poses), by_step), off_path(flange(drive.q)[:, :3, 3], flange(step.q)[:, :3, 3]),
-        float(step.time[-1] / (scene.reference.times[-1] - scene.reference.times[0])),
-        float(plan.time[-1]) / least_seconds(
-            plan.q, clock, flange(plan.q)[:, :3, 3], speed=np.full(6, math.pi),
+        best_random(poses, found.person, content, random_seats, np.random.default_rng(seed)), bool(step["_complete"]),
+        _mean(passed(drive["joint"], poses), by_step),
+        off_path(flange(drive["joint"])[:, :3, 3], flange(step["joint"])[:, :3, 3]),
+        float(step["t_s"][-1] / (scene.reference.times[-1] - scene.reference.times[0])),
+        float(plan["t_s"][-1]) / least_seconds(
+            plan["joint"], clock, flange(plan["joint"])[:, :3, 3], speed=np.full(6, math.pi),
             acceleration=np.full(6, ACCELERATION), hand_speed=limits["linear_speed_m_s"],
         ),
-        max(float(np.nanmax(led.turn - led.short[:, 1])) / tracker.max_turn for led in (step, plan)),
+        max(float(np.nanmax(led["turn_rad"] - led["_short"][:, 1])) / tracker.max_turn for led in (step, plan)),
         Broken(*(f(each) for f, each in zip((max, max, min), zip(*worst, strict=True), strict=True))),
     )  # fmt: skip
 

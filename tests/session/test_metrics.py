@@ -16,6 +16,7 @@ from rehab_opt.session.mirror.metrics import led_metrics
 from rehab_opt.session.outcome import (
     joint_metrics,
 )
+from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.drive import bounds_of_drive, driven, hand_and_tilt
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
@@ -94,14 +95,16 @@ def test_where_the_last_tick_leads_counts_in_a_laws_metrics() -> None:
     robot, rate, start = ur5(), 100.0, np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
     pose, still, turning = robot.pose(start), np.zeros(6), np.eye(6)[0]
     zeros, tool = np.zeros(2), np.array([pose, pose])
-    common = {"deviation": zeros, "lag": zeros, "manipulability": zeros, "tool": tool, "time": np.array([0.0, 0.01])}
-    led = SimpleNamespace(
-        **common, q=np.array([start, start]), command=np.array([still, turning]), seconds=np.zeros(2), complete=True,
-        turn=np.zeros(2), pace=np.ones(2), status=[], relaxed=[], reasons=[], counts={},
+    common: dict[str, Any] = {"deviation_m": zeros, "lag_s": zeros, "manipulability": zeros, "_tool": tool,
+                              "t_s": np.array([0.0, 0.01])}  # fmt: skip
+    texts = dict.fromkeys(("status", "relaxed", "_reason"), np.array([], dtype=str))
+    led = Trace(
+        {**common, **texts, "joint": [start, start], "command": [still, turning], "_seconds": zeros, "_complete": True,
+         "turn_rad": zeros, "pace": zeros, "_counts": {}}
     )  # fmt: skip
-    bounds = SimpleNamespace(chain=robot, max_manipulability=1.0, floor=0.0)
-    drive: Any = SimpleNamespace(**common)
-    numbers = led_metrics(led, drive, bounds, np.array([pose]), cause=np.zeros(2, dtype=int), rate=rate)  # type: ignore[arg-type]
+    bounds: Any = SimpleNamespace(chain=robot, max_manipulability=1.0, floor=0.0)
+    cause = np.zeros(2, dtype=int)
+    numbers = led_metrics(led, Trace(common), bounds, np.array([pose]), cause=cause, rate=rate)
     assert numbers["joint_speed_max_deg_s"] == pytest.approx(math.degrees(1.0))
     radius = math.hypot(*pose[:2, 3])  # the base turns about its own axis
     assert numbers["tool_speed_max_m_s"] == pytest.approx(radius, rel=1e-4)

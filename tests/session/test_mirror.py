@@ -21,14 +21,15 @@ from problems.mirror import motions
 from rehab_opt.control.conditioning import Conditioned
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.session.files import ProblemFile, load_problem, problem_of, shipped_problems
+from rehab_opt.session.mirror.laws import BEFORE, LAWS, PLAN, STEP
 from rehab_opt.session.mirror.metrics import CAUSES, causes, passed_fraction
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, Led
-from rehab_opt.session.mirror.run import runs_of
+from rehab_opt.session.mirror.run import task_of
 from rehab_opt.session.mirror.scene import laid_out
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import metrics_json, write_trace
 from rehab_opt.session.run import checked, run_problem
 from rehab_opt.session.systems import NotMet, system_named
+from rehab_opt.session.trace import Trace
 from tests.control.mirror_campaign import closed_form
 from tests.refusals import refuses
 
@@ -58,9 +59,9 @@ def ran(recorded: Callable[[str], Path]) -> Callable[[str], Outcome]:
     return run
 
 
-def ends(outcome: Outcome, led: Led) -> Array:
+def ends(outcome: Outcome, led: Trace) -> Array:
     """(M, n) where each tick leads."""
-    return led.q + led.command / outcome.metrics["parameters"]["tracker"]["rate_hz"]
+    return led["joint"] + led["command"] / outcome.metrics["parameters"]["tracker"]["rate_hz"]
 
 
 def content(name: str = "pick_fruit") -> dict[str, Any]:
@@ -75,24 +76,24 @@ def test_floor_deviation_speeds_and_planes_hold_at_every_tick(
     name: str, law: str, ran: Callable[[str], Outcome]
 ) -> None:
     outcome = ran(name)
-    led, robot = runs_of(outcome).laws[law], runs_of(outcome).chain
-    dt, after = 1.0 / outcome.metrics["parameters"]["tracker"]["rate_hz"], ends(outcome, runs_of(outcome).laws[law])
-    assert led.complete
+    led, robot = outcome.traces[law,], task_of(outcome).robot
+    dt, after = 1.0 / outcome.metrics["parameters"]["tracker"]["rate_hz"], ends(outcome, led)
+    assert led["_complete"]
     assert min(map(closed_form, after)) >= FLOOR - 1e-6
-    np.testing.assert_allclose(led.manipulability, [closed_form(q) for q in led.q], atol=1e-6)
-    np.testing.assert_allclose(after[:-1], led.q[1:], atol=1e-12)
+    np.testing.assert_allclose(led["manipulability"], [closed_form(q) for q in led["joint"]], atol=1e-6)
+    np.testing.assert_allclose(after[:-1], led["joint"][1:], atol=1e-12)
 
-    here = np.array([robot.pose(q)[:3, 3] for q in led.q])
+    here = np.array([robot.pose(q)[:3, 3] for q in led["joint"]])
     there = np.array([robot.pose(q)[:3, 3] for q in after])
-    asked = led.reference[:, :3, 3]
-    beyond = np.linalg.norm(there - asked, axis=1) - led.short[:, 0]
+    asked = led["_reference"][:, :3, 3]
+    beyond = np.linalg.norm(there - asked, axis=1) - led["_short"][:, 0]
     assert np.nanmax(beyond) <= DEVIATION + 1e-9
     assert np.linalg.norm(there - here, axis=1).max() <= SPEED * dt * (1 + 1e-6)
 
-    assert np.all(np.abs(led.command) <= robot.velocity)
+    assert np.all(np.abs(led["command"]) <= robot.velocity)
     assert np.all((after >= robot.lower - 1e-9) & (after <= robot.upper + 1e-9))
-    change = np.abs(np.diff(led.command, axis=0, prepend=np.zeros((1, robot.n))))
-    for over, what in zip(np.any(change > robot.acceleration * dt + 1e-9, axis=1), led.relaxed, strict=True):
+    change = np.abs(np.diff(led["command"], axis=0, prepend=np.zeros((1, robot.n))))
+    for over, what in zip(np.any(change > robot.acceleration * dt + 1e-9, axis=1), led["relaxed"], strict=True):
         assert not over or "acceleration" in what
 
     symbol = ca.SX.sym("q", robot.n)
@@ -109,38 +110,37 @@ def test_a_drive_passes_what_the_law_does_within_every_bound_and_is_what_the_tab
     name: str, law: str, ran: Callable[[str], Outcome]
 ) -> None:
     outcome = ran(name)
-    led, drive, numbers = runs_of(outcome).laws[law], runs_of(outcome).drives[law], outcome.metrics["laws"][law]
-    dt, robot = drive.time[1] - drive.time[0], runs_of(outcome).chain
-    assert min(map(closed_form, drive.q)) >= FLOOR - 1e-4
-    places = np.array([robot.pose(q)[:3, 3] for q in drive.q])
+    led, numbers, task = outcome.traces[law,], outcome.metrics["laws"][law], task_of(outcome)
+    drive, robot, reference = led["_drive"].item(), task.robot, task.setup.reference
+    dt = drive["t_s"][1] - drive["t_s"][0]
+    assert min(map(closed_form, drive["joint"])) >= FLOOR - 1e-4
+    places = np.array([robot.pose(q)[:3, 3] for q in drive["joint"]])
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= SPEED * dt * (1 + 1e-6)
-    assert np.all(np.abs(np.diff(drive.q, axis=0)) <= robot.velocity * dt * (1 + 1e-9))
-    assert np.all(np.abs(np.diff(drive.q, 2, axis=0)) <= robot.acceleration * dt**2 * (1 + 1e-9))
+    assert np.all(np.abs(np.diff(drive["joint"], axis=0)) <= robot.velocity * dt * (1 + 1e-9))
+    assert np.all(np.abs(np.diff(drive["joint"], 2, axis=0)) <= robot.acceleration * dt**2 * (1 + 1e-9))
     jerk = math.radians(outcome.metrics["parameters"]["smoothing"]["jerk_deg_s3"])
-    assert np.abs(np.diff(drive.q, 3, axis=0)).max() <= jerk * dt**3 * (1 + 1e-6)
-    assert np.nanmax(np.abs(drive.deviation)) <= np.nanmax(led.deviation) + 1e-3
-    asked = runs_of(outcome).reference[~np.isnan(runs_of(outcome).reference[:, 0, 0])]
-    assert numbers["drive"]["passed_fraction_of_time"] == passed_fraction(drive.tool, asked)
+    assert np.abs(np.diff(drive["joint"], 3, axis=0)).max() <= jerk * dt**3 * (1 + 1e-6)
+    assert np.nanmax(np.abs(drive["deviation_m"])) <= np.nanmax(led["deviation_m"]) + 1e-3
+    asked = reference.poses[~reference.lost]
+    assert numbers["drive"]["passed_fraction_of_time"] == passed_fraction(drive["_tool"], asked)
     assert numbers["drive"]["passed_fraction_of_time"] >= 0.99 * numbers["passed_fraction_of_time"]
-    assert led.time[-1] <= drive.time[-1] + dt <= 1.1 * led.time[-1]
+    assert led["t_s"][-1] <= drive["t_s"][-1] + dt <= 1.1 * led["t_s"][-1]
     seconds = numbers["drive"]["seconds_by_cause"]
-    assert sum(seconds.values()) == pytest.approx(len(drive.time) * dt)
-    np.testing.assert_allclose(drive.manipulability, [closed_form(q) for q in drive.q], atol=1e-6)
+    assert sum(seconds.values()) == pytest.approx(len(drive["t_s"]) * dt)
+    np.testing.assert_allclose(drive["manipulability"], [closed_form(q) for q in drive["joint"]], atol=1e-6)
     if name != "vr_hand":  # whose arm does not come to all that is asked
-        when = drive.time - drive.lag
+        when = drive["t_s"] - drive["lag_s"]
         begun = when > 0.05  # before, the reference is on its way from the hand
-        known = ~np.isnan(runs_of(outcome).reference[:, 0, 3])
-        places = np.column_stack(
-            [np.interp(when, runs_of(outcome).time[known], runs_of(outcome).reference[known, i, 3]) for i in range(3)]
-        )
-        apart = np.linalg.norm(drive.tool[:, :3, 3] - places, axis=1)
-        np.testing.assert_allclose(apart[begun], drive.deviation[begun], atol=1e-5)
-        assert drive.pace[begun].sum() * dt == pytest.approx(np.ptp(when[begun]), abs=0.05)
+        clock = (reference.times - reference.times[0])[~reference.lost]
+        places = np.column_stack([np.interp(when, clock, asked[:, i, 3]) for i in range(3)])
+        apart = np.linalg.norm(drive["_tool"][:, :3, 3] - places, axis=1)
+        np.testing.assert_allclose(apart[begun], drive["deviation_m"][begun], atol=1e-5)
+        assert drive["pace"][begun].sum() * dt == pytest.approx(np.ptp(when[begun]), abs=0.05)
     few = system_named("mirror").brief(outcome)
     assert few is not None
-    cells = list(few.columns[1 + list(runs_of(outcome).laws).index(law)].cells)
+    cells = list(few.columns[1 + LAWS.index(law)].cells)
     assert float(str(cells[0])) == pytest.approx(100 * numbers["drive"]["passed_fraction_of_time"], rel=5e-3)
-    assert float(str(cells[2])) == pytest.approx(drive.time[-1], rel=5e-3)
+    assert float(str(cells[2])) == pytest.approx(drive["t_s"][-1], rel=5e-3)
 
 
 # ------------------------------------------------------------------------------------------- keeping to the reference
@@ -232,20 +232,20 @@ def test_lost_sight_is_held_told_and_gone_on_from(blinded: Outcome, tmp_path: Pa
     assert any("36 of 450 samples hold no pose" in note for note in blinded.notes)
     assert any("sight lost 2 times" in note for note in blinded.notes)
     for law in (STEP, PLAN):
-        led = runs_of(blinded).laws[law]
-        assert led.complete
+        led = blinded.traces[law,]
+        assert led["_complete"]
         assert min(map(closed_form, ends(blinded, led))) >= FLOOR - 1e-6
-        assert np.linalg.norm(np.diff(led.tool[:, :3, 3], axis=0), axis=1).max() <= SPEED / 200 * (1 + 1e-6)
-    led = runs_of(blinded).laws[STEP]
-    change = np.abs(np.diff(led.command, axis=0)).max(axis=1)
-    for over, what in zip(change > 15.0 / 200 + 1e-9, led.relaxed[1:], strict=True):
+        assert np.linalg.norm(np.diff(led["_tool"][:, :3, 3], axis=0), axis=1).max() <= SPEED / 200 * (1 + 1e-6)
+    led = blinded.traces[STEP,]
+    change = np.abs(np.diff(led["command"], axis=0)).max(axis=1)
+    for over, what in zip(change > 15.0 / 200 + 1e-9, led["relaxed"][1:], strict=True):
         assert not over or "acceleration" in what
-    lost = np.flatnonzero(np.isin(led.status, ("braking", "holding")))
+    lost = np.flatnonzero(np.isin(led["status"], ("braking", "holding")))
     assert len(lost) > 0.4 * 200
     assert change[lost[0] - 1 : lost[0] + 20].max() <= 15.0 / 200 + 1e-9  # in full motion, and far from where it began
-    assert all("not a valid number" in led.reasons[k] for k in lost)
-    np.testing.assert_allclose(led.command[lost[60]], 0.0, atol=1e-9)
-    assert led.deviation[-1] < 5e-4
+    assert all("not a valid number" in led["_reason"][k] for k in lost)
+    np.testing.assert_allclose(led["command"][lost[60]], 0.0, atol=1e-9)
+    assert led["deviation_m"][-1] < 5e-4
     json.loads(metrics_json(blinded), parse_constant=pytest.fail)
 
 
@@ -254,7 +254,7 @@ def test_trace_has_empty_cells_where_nothing_is_seen(blinded: Outcome, tmp_path:
     text = (tmp_path / "trace.csv").read_text()
     assert "nan" not in text
     rows = list(csv.DictReader(io.StringIO(text)))
-    assert len(rows) == sum(len(led.time) for led in runs_of(blinded).laws.values())
+    assert len(rows) == sum(len(led["t_s"]) for led in blinded.traces.values())
     empty = [row for row in rows if row["reference_x_m"] == ""]
     assert 0.4 * 200 < len(empty) < 0.6 * 200
     assert {row["law"] for row in empty} == {BEFORE}  # the clock of the others stands at the last pose seen
@@ -422,14 +422,14 @@ def test_fault_of_a_recording_is_refused_with_its_place(tmp_path: Path) -> None:
 def test_a_hand_that_a_bound_holds_off_is_not_late() -> None:
     """Within the largest deviation nothing is told to be short: pick_fruit, 18 mm off at its floor, was `late`."""
     ticks, plane = 6, object()
-    led = SimpleNamespace(
-        short=np.zeros((ticks, 2)), person=np.zeros((ticks, 2)), turn=np.zeros(ticks), pace=np.ones(ticks),
-        deviation=np.array([0.0, 0.018, 0.018, 0.018, 0.018, 0.018]), status=("ok",) * 5 + ("braking",),
-        manipulability=np.array([0.3, 0.31, 0.6, 0.6, 0.1, 0.3]), q=np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]),
-    )  # fmt: skip
-    led.person[0] = 0.02, 0.0
-    bounds = SimpleNamespace(planes=[plane], min_heights=lambda q, _: q, floor=0.3)
-    led.time = 0.01 * np.arange(ticks)
-    drive = SimpleNamespace(law_time=led.time, pace=led.pace)
-    said = [CAUSES[k] for k in causes(led, drive, bounds)]  # type: ignore[arg-type]
+    led: dict[str, Any] = {
+        "_short": np.zeros((ticks, 2)), "_person": np.zeros((ticks, 2)), "turn_rad": np.zeros(ticks),
+        "pace": np.ones(ticks), "deviation_m": np.array([0.0, 0.018, 0.018, 0.018, 0.018, 0.018]),
+        "status": ("ok",) * 5 + ("braking",), "manipulability": np.array([0.3, 0.31, 0.6, 0.6, 0.1, 0.3]),
+        "joint": np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]), "t_s": 0.01 * np.arange(ticks),
+    }  # fmt: skip
+    led["_person"][0] = 0.02, 0.0
+    bounds: Any = SimpleNamespace(planes=[plane], min_heights=lambda q, _: q, floor=0.3)
+    drive = {"law_t_s": led["t_s"], "pace": led["pace"]}
+    said = [CAUSES[k] for k in causes(Trace(led), Trace(drive), bounds)]
     assert said == ["person's arm", "floor", "late", "keep-out", "late", "stopped"]

@@ -14,8 +14,6 @@ from rehab_opt.session.mirror.problem import PoseRecordingSection
 from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 
-__all__ = ["HandPoses", "calibration_points", "read_hand_poses"]
-
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
 FAR = 10.0

@@ -13,12 +13,9 @@ from rehab_opt.control.mirror_statement import WHOLE
 from rehab_opt.control.smoothing import smooth_path
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.published.astar import AStarPath
-from rehab_opt.session.mirror.outcome import DrivenJoints, Led
 from rehab_opt.session.outcome import Array, error_metrics, joint_metrics, reason_counts, status_counts, time_metrics
+from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.problem import SmoothingSection
-
-__all__ = ["CAUSES", "astar_metrics", "causes", "driven", "led_metrics", "passed_fraction"]
-
 
 CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")
 """In the order of the figures. Late: the reference is slowed, or the hand lags behind it. If several hold, the first of
@@ -29,27 +26,28 @@ AT_FLOOR, AT_PLANE = 0.02, 0.005
 """Distance of w / w_max from the floor, and height [m] above a plane, up to which these count as the cause."""
 
 
-def causes(led: Led, drive: DrivenJoints, bounds: HandBounds) -> NDArray[np.int_]:
+def causes(led: Trace, drive: Trace, bounds: HandBounds) -> NDArray[np.int_]:
     """(M,) index in `CAUSES` of each sample of the drive: why the controller deviates, or the drive lags."""
-    person = (led.person[:, 0] > NEAR) | (led.person[:, 1] > TURNED)
-    robot = (led.short - led.person > (NEAR, TURNED)).any(axis=1) & ~person
-    behind = (led.deviation > NEAR + led.short[:, 0]) | (led.turn > TURNED + led.short[:, 1])
-    found = np.where((led.pace < WHOLE) | behind, 1, 0)
+    short, from_arm = led["_short"], led["_person"]
+    person = (from_arm[:, 0] > NEAR) | (from_arm[:, 1] > TURNED)
+    robot = (short - from_arm > (NEAR, TURNED)).any(axis=1) & ~person
+    behind = (led["deviation_m"] > NEAR + short[:, 0]) | (led["turn_rad"] > TURNED + short[:, 1])
+    found = np.where((led["pace"] < WHOLE) | behind, 1, 0)
     found[robot] = 5
     # A hand held off within the largest deviation is not told to be short: where a bound is at hand, that is why.
     off = robot | (behind & ~person)
     for plane in bounds.planes:
-        found[off & (bounds.min_heights(led.q, plane) < AT_PLANE)] = 4
-    found[off & (np.abs(led.manipulability - bounds.floor) < AT_FLOOR)] = 3
+        found[off & (bounds.min_heights(led["joint"], plane) < AT_PLANE)] = 4
+    found[off & (np.abs(led["manipulability"] - bounds.floor) < AT_FLOOR)] = 3
     found[person] = 2
-    found[np.isin(led.status, ("braking", "holding"))] = 6
-    found = found[_ticks(led, drive.law_time)]
-    return np.where((found == 0) & (drive.pace < WHOLE), 1, found)
+    found[np.isin(led["status"], ("braking", "holding"))] = 6
+    found = found[_ticks(led, drive["law_t_s"])]
+    return np.where((found == 0) & (drive["pace"] < WHOLE), 1, found)
 
 
-def _ticks(led: Led, when: Array) -> NDArray[np.int_]:
+def _ticks(led: Trace, when: Array) -> NDArray[np.int_]:
     """(K,) index of the controller's tick at each time (K,) [s]."""
-    return np.searchsorted(led.time, when + ROUNDING, side="right") - 1
+    return np.searchsorted(led["t_s"], when + ROUNDING, side="right") - 1
 
 
 DT, EVERY = 1e-3, 5
@@ -62,15 +60,16 @@ AGAIN = 20
 
 
 def driven(
-    led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
-) -> DrivenJoints:
-    """The controller's joints passed by `smooth_path`: all joints wait for the slowest one, and for the hand.
+    led: Trace, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
+) -> Trace:
+    """Motion of a drive along a controller's joints: all joints wait for the slowest one, and for the hand.
 
-    The path length of the hand is one more axis, no faster than `linear_speed` [m/s]. If the joints move the hand
-    faster between two samples, everything is passed again at a lower speed.
+    The joints pass `smooth_path`; the path length of the hand is one more axis, no faster than `linear_speed` [m/s]. If
+    the joints move the hand faster between two samples, everything is passed again at a lower speed. For a robot with
+    servos it is the robot's true motion. `law_t_s` is the corresponding time of the controller's run.
     """
-    if led.motion is not None:
-        return DrivenJoints(led.time, led.q, led.tool, led.deviation, led.manipulability, led.time, led.lag, led.pace)
+    if "_velocity" in led:
+        return Trace(led | {"law_t_s": led["t_s"]})
     fraction = 1.0
     for _ in range(AGAIN):
         times, q, when = _passed(led, robot, bounds, linear_speed=fraction * linear_speed)
@@ -79,24 +78,30 @@ def driven(
         if fastest <= linear_speed:
             break
         fraction *= linear_speed / fastest * (1 - 1e-6)
-    reference = np.column_stack([np.interp(when, led.time, axis) for axis in led.reference[:, :3, 3].T])
-    return DrivenJoints(
-        times, q, tool, np.linalg.norm(tool[:, :3, 3] - reference, axis=1),
-        np.array([robot.manipulability(each) for each in q]) / max_manipulability, when,
-        times - np.interp(when, led.time, led.time - led.lag),
-        led.pace[_ticks(led, when)] * np.diff(when, append=when[-1]) / (EVERY * DT),
-    )  # fmt: skip
+    reference = np.column_stack([np.interp(when, led["t_s"], axis) for axis in led["reference"].T])
+    return Trace(
+        {
+            "t_s": times,
+            "joint": q,
+            "_tool": tool,
+            "deviation_m": np.linalg.norm(tool[:, :3, 3] - reference, axis=1),
+            "manipulability": np.array([robot.manipulability(each) for each in q]) / max_manipulability,
+            "law_t_s": when,
+            "lag_s": times - np.interp(when, led["t_s"], led["t_s"] - led["lag_s"]),
+            "pace": led["pace"][_ticks(led, when)] * np.diff(when, append=when[-1]) / (EVERY * DT),
+        }
+    )
 
 
 def _passed(
-    led: Led, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float
+    led: Trace, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float
 ) -> tuple[Array, Array, Array]:
     """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the controller's times (K,) [s]."""
-    place, jerk = led.tool[:, :3, 3], np.full(robot.n, math.radians(bounds.jerk_deg_s3))
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1)))
+    jerk = np.full(robot.n, math.radians(bounds.jerk_deg_s3))
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(led["tool"], axis=0), axis=1)))
     found = smooth_path(
-        led.time,
-        np.column_stack([led.q, way]),
+        led["t_s"],
+        np.column_stack([led["joint"], way]),
         velocity=np.append(np.minimum(robot.velocity, math.radians(bounds.speed_deg_s)), linear_speed),
         acceleration=np.append(np.minimum(robot.acceleration, math.radians(bounds.acceleration_deg_s2)), FREE),
         jerk=np.append(jerk, FREE),
@@ -114,56 +119,55 @@ SAMPLES = 400
 
 
 def led_metrics(
-    led: Led, drive: DrivenJoints, bounds: HandBounds, reference: Array, *, cause: NDArray[np.int_], rate: float
+    led: Trace, drive: Trace, bounds: HandBounds, reference: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
     """Metrics of one controller and its `drive`; where the tracker lost the hand there is no reference, and no distance
     to it.
 
     `reference` (N, 4, 4) are the reference poses without lost samples; `cause` (K,) are the drive's `causes`.
     """
-    seen, robot = np.isfinite(led.deviation), bounds.chain
-    q = np.concatenate([led.q, led.q[-1:] + led.command[-1:] / rate])  # and where the last tick leads
-    tool = np.concatenate([led.tool[:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
-    w = np.append(led.manipulability, robot.manipulability(q[-1]) / bounds.max_manipulability)
+    deviation, robot = led["deviation_m"], bounds.chain
+    seen, time, command = np.isfinite(deviation), drive["t_s"], led["command"]
+    q = np.concatenate([led["joint"], led["joint"][-1:] + command[-1:] / rate])  # and where the last tick leads
+    tool = np.concatenate([led["_tool"][:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
+    w = np.append(led["manipulability"], robot.manipulability(q[-1]) / bounds.max_manipulability)
     speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) * rate
-    before = np.concatenate([np.zeros((1, robot.n)), led.command[:-1]])
-    change = (np.abs(led.command - before) * rate / robot.acceleration).max(axis=1)
-    times = time_metrics(led.seconds, "tick") if len(led.seconds) > 1 else {}
-    moves = np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1) / np.diff(drive.time)
+    change = (np.abs(np.diff(command, axis=0, prepend=0.0)) * rate / robot.acceleration).max(axis=1)
+    moves = np.linalg.norm(np.diff(drive["_tool"][:, :3, 3], axis=0), axis=1) / np.diff(time)
     return {
         "drive": {
-            "duration_s": float(drive.time[-1]),
-            "passed_fraction_of_time": passed_fraction(drive.tool, reference),
-            **error_metrics(drive.deviation[np.isfinite(drive.deviation)], "deviation", "m"),
-            "manipulability_min": float(drive.manipulability.min()),
+            "duration_s": float(time[-1]),
+            "passed_fraction_of_time": passed_fraction(drive["_tool"], reference),
+            **error_metrics(drive["deviation_m"][np.isfinite(drive["deviation_m"])], "deviation", "m"),
+            "manipulability_min": float(drive["manipulability"].min()),
             "tool_speed_max_m_s": float(moves.max()),
             "seconds_by_cause": {
-                name: float(np.sum(cause == k) * (drive.time[1] - drive.time[0])) for k, name in enumerate(CAUSES)
+                name: float(np.sum(cause == k) * (time[1] - time[0])) for k, name in enumerate(CAUSES)
             },
-            **_lags(drive.lag),
+            **_lags(drive["lag_s"]),
         },
-        "ticks": len(led.time),
-        "duration_s": float(led.time[-1]),
-        "complete": led.complete,
+        "ticks": len(led["t_s"]),
+        "duration_s": float(led["t_s"][-1]),
+        "complete": bool(led["_complete"]),
         "manipulability_min": float(w.min()),
         "manipulability_median": float(np.median(w)),
         "below_floor_fraction_of_time": float(np.mean(w < bounds.floor - BELOW)),
-        "passed_fraction_of_time": passed_fraction(led.tool, reference),
-        **error_metrics(led.deviation[seen], "deviation", "m"),
-        **error_metrics(np.rad2deg(led.turn[seen]), "turn", "deg"),
+        "passed_fraction_of_time": passed_fraction(led["_tool"], reference),
+        **error_metrics(deviation[seen], "deviation", "m"),
+        **error_metrics(np.rad2deg(led["turn_rad"][seen]), "turn", "deg"),
         "tool_speed_max_m_s": float(speed.max()),
         **joint_metrics(robot, q, rate),
         "joint_acceleration_max_fraction_of_limit": float(change.max()),
         "joint_acceleration_above_limit_ticks": int(np.sum(change > 1.0 + 1e-6)),
-        **_lags(led.lag),
-        "pace_mean": float(led.pace.mean()),
-        "reference_held_back_s": float(np.maximum(1.0 - led.pace, 0.0).sum() / rate),
-        "computing_s": float(led.seconds.sum()),
-        **times,
-        "status": status_counts(led.status),
-        "relaxed": status_counts(text for text in led.relaxed if text),
-        "reasons": reason_counts(_kind(text) for text in led.reasons),
-        "counts": led.counts,
+        **_lags(led["lag_s"]),
+        "pace_mean": float(led["pace"].mean()),
+        "reference_held_back_s": float(np.maximum(1.0 - led["pace"], 0.0).sum() / rate),
+        "computing_s": float(led["_seconds"].sum()),
+        **(time_metrics(led["_seconds"], "tick") if len(led["_seconds"]) > 1 else {}),
+        "status": status_counts(led["status"].tolist()),
+        "relaxed": status_counts(filter(None, led["relaxed"].tolist())),
+        "reasons": reason_counts(_kind(text) for text in led["_reason"].tolist()),
+        "counts": led["_counts"].item(),
     }
 
 

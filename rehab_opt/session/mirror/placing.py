@@ -30,8 +30,6 @@ from rehab_opt.session.outcome import Array, Progress
 from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.systems import NotMet
 
-__all__ = ["Place", "found_place", "placed", "reach_note", "replaced_keys", "value_text"]
-
 POSES, ALL_POSES = 60, 300
 """Number of poses of the path in the search, and for a single seat."""
 CHANGING = 0.1
@@ -145,7 +143,7 @@ def achieved(config: ProblemFile[MirrorProblem]) -> float:
         tracker, scene, IdealJoints(tracker.dt), patience=config.problem.tracker.patience,
         progress=lambda *_: None,
     )  # fmt: skip
-    return passed_fraction(led.tool, scene.reference.poses[~scene.reference.lost])
+    return passed_fraction(led["_tool"], scene.reference.poses[~scene.reference.lost])
 
 
 COMES = 20

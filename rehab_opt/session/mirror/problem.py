@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from rehab_opt.session.arm_keys import OneRange, SegmentsSection
 from rehab_opt.session.clearance import ClearanceSection, ClearPlaneSection
+from rehab_opt.session.outcome import Array
 from rehab_opt.session.plant import JointPlant
 from rehab_opt.session.robot_file import RobotSection
 from rehab_opt.session.schema import (
@@ -21,8 +23,6 @@ from rehab_opt.session.schema import (
     refusal,
 )
 from rehab_opt.session.upper_limb.problem import SmoothingSection
-
-__all__ = ["MirrorProblem", "MirrorTrackerSection", "PatientSection", "PoseRecordingSection"]
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Columns = Annotated[int, Field(ge=1, le=1000)]
@@ -158,6 +158,11 @@ class PatientSection(Section):
     that position holds for the first sample."""
     arm: PatientArmSection | None = None
     """The led arm: if given, the reference is limited to its range of motion."""
+
+    @property
+    def arm_start(self) -> Array | None:
+        """(8,) [rad] Starting posture of the led arm's model, if given."""
+        return None if self.arm is None or self.arm.start_deg is None else np.deg2rad(self.arm.start_deg)
 
     @model_validator(mode="after")
     def shoulder_stays(self) -> Self:

@@ -9,18 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rehab_opt.control.conditioning import Conditioner
-from rehab_opt.control.mirror import MirrorTracker
-from rehab_opt.published.astar import AStarPath
+from rehab_opt.published.astar import AStarPath, astar_path
 from rehab_opt.session.clearance import NearestBodies, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
-from rehab_opt.session.mirror.laws import ANY_SPEED, planned, searched, track_reference, tracker_of, without_floor
+from rehab_opt.session.mirror.laws import (
+    ANY_SPEED,
+    BEFORE,
+    LAWS,
+    STEP,
+    planned,
+    track_reference,
+    tracker_of,
+    without_floor,
+)
 from rehab_opt.session.mirror.live import LiveMirror
 from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_metrics
-from rehab_opt.session.mirror.outcome import BEFORE, LAWS, STEP, MirrorRuns, led_trace
 from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
-from rehab_opt.session.mirror.scene import Setup, laid_out, path_notes
+from rehab_opt.session.mirror.scene import laid_out, path_notes
 from rehab_opt.session.outcome import Outcome, Progress
 from rehab_opt.session.plant import joint_plant, plant_note
 from rehab_opt.session.systems import Names, System
@@ -29,9 +36,9 @@ from rehab_opt.session.trace import Trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["MirrorSystem", "runs_of"]
-
 Config = ProblemFile[MirrorProblem]
+FAR = 1e-3
+"""[m] Distance from the first reference pose above which a note reports the start."""
 
 
 class Mirrored:
@@ -42,20 +49,58 @@ class Mirrored:
     ProblemFileError : a recording or a value of the file is not valid.
     """
 
+    progress: Progress = staticmethod(lambda *_: None)
+
     def __init__(self, config: Config) -> None:
         self.problem, self.file, self.setup = config.problem, config.file, laid_out(config)
-        self.dt = 1.0 / self.problem.tracker.rate_hz
+        self.robot, self.dt = self.setup.robot, 1.0 / self.problem.tracker.rate_hz
         self.tracker = tracker_of(self.problem, self.setup, file=config.file)
-        self.bounds, self.plant = self.tracker.hand_bounds, joint_plant(self.problem.plant, self.setup.robot, self.dt)
+        self.bounds, self.plant = self.tracker.hand_bounds, joint_plant(self.problem.plant, self.robot, self.dt)
         reference = self.setup.reference
         self.seen = reference.poses[~reference.lost]
-        self.progress: Progress = lambda *_: None
 
     @cached_property
     def astar(self) -> AStarPath | None:
-        """The published path, if requested."""
-        most = self.tracker.max_manipulability
-        return searched(self.problem, self.setup, max_manipulability=most, progress=self.progress)
+        """The published path from the first posture that reaches the reference, if the file has it."""
+        section = self.problem.astar
+        if section is None:
+            return None
+        self.progress("A*", 0, 1)
+        found = astar_path(
+            self.robot,
+            self.seen,
+            self.setup.start,
+            floor=self.problem.tracker.floor,
+            max_manipulability=self.tracker.max_manipulability,
+            **section.arguments(),
+        )
+        self.progress("A*", 1, 1)
+        return found
+
+    def near(self, trace: Trace) -> NearestBodies | None:
+        """Distances between bodies, tick by tick; None without `[clearance]`."""
+        return nearest_bodies(self.problem.clearance, self.file, self.robot, trace["joint"], trace["t_s"])
+
+    def notes(self) -> Iterator[str]:
+        """Notes on the input and the start."""
+        problem, setup, bounds = self.problem, self.setup, self.bounds
+        yield from (*setup.notes, *path_notes(setup))
+        yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are missing in our copy"
+        yield plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded")
+        if problem.plant.kind != "ideal":
+            yield "the plan was not run on that robot, only the controllers that run tick by tick"
+        away = 1e3 * float(np.linalg.norm(self.robot.pose(setup.start)[:3, 3] - self.seen[0, :3, 3]))
+        if away > 1e3 * FAR:
+            yield f"the robot starts {away:.0f} mm from the first pose and moves there first; '{BEFORE}' begins there"
+        if setup.person is not None:
+            yield "the reference is limited to the led arm's range of motion; distances are to the mirrored one"
+        w = self.robot.manipulability(setup.start) / bounds.max_manipulability
+        if w < bounds.floor:
+            yield f"the robot starts below the floor, at {w:.3f}"
+        for i, plane in enumerate(bounds.planes):
+            height = bounds.min_heights(setup.start[None], plane).item()
+            if height < 0.0:
+                yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and moves no deeper"
 
 
 class LedScene:
@@ -65,7 +110,7 @@ class LedScene:
         self.task, self.name = task, name
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """See `led_trace`."""
+        """See `led_trace`; also `_drive`, the motion of a drive along its joints, and the drive's `_cause`."""
         task = self.task
         section, setup, most = task.problem.tracker, task.setup, task.tracker.max_manipulability
         plant, speed = task.plant, section.linear_speed_m_s
@@ -77,79 +122,31 @@ class LedScene:
             led = planned(task.tracker, setup, progress=progress)
             task.progress = progress
             _ = task.astar
-        drive = driven(led, setup.robot, task.problem.smoothing, linear_speed=speed, max_manipulability=most)
-        return led_trace(led, drive, causes(led, drive, task.bounds), setup.robot.names)
+        drive = driven(led, task.robot, task.problem.smoothing, linear_speed=speed, max_manipulability=most)
+        led["_drive"], led["_cause"] = np.asarray(drive), causes(led, drive, task.bounds)
+        return led
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
         """See `led_metrics`."""
-        led, drive, task = trace["_led"].item(), trace["_drive"].item(), self.task
-        return led_metrics(led, drive, task.bounds, task.seen, cause=trace["_cause"], rate=1.0 / task.dt)
+        task, drive = self.task, trace["_drive"].item()
+        return led_metrics(trace, drive, task.bounds, task.seen, cause=trace["_cause"], rate=1.0 / task.dt)
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """No notes here: see `MirrorSystem.notes`."""
-        return iter(())
+        """Whether it is incomplete."""
+        if not trace["_complete"]:
+            yield f"{self.name}: INCOMPLETE, the reference's end was not reached within tracker.patience"
 
 
-def _task(outcome: Outcome) -> Mirrored:
+def task_of(outcome: Outcome) -> Mirrored:
+    """The parts that the runs of an outcome share."""
     task: Mirrored = next(iter(outcome.scenes.values())).task
     return task
-
-
-def _near(outcome: Outcome) -> NearestBodies | None:
-    """Distances between bodies, tick by tick."""
-    task, trace = _task(outcome), outcome.traces[STEP,]
-    return nearest_bodies(task.problem.clearance, task.file, task.setup.robot, trace["joint"], trace["t_s"])
-
-
-def runs_of(outcome: Outcome) -> MirrorRuns:
-    """Data for the figures of a run."""
-    task = _task(outcome)
-    setup, traces = task.setup, {name: trace for (name,), trace in outcome.traces.items()}
-    return MirrorRuns(
-        metrics=outcome.metrics,
-        chain=setup.robot,
-        time=setup.reference.times - setup.reference.times[0],
-        mirror=setup.mirror,
-        reference=setup.reference.poses,
-        recorded=setup.recorded,
-        laws={name: trace["_led"].item() for name, trace in traces.items()},
-        drives={name: trace["_drive"].item() for name, trace in traces.items()},
-        causes={name: trace["_cause"] for name, trace in traces.items()},
-        astar=task.astar,
-        near=_near(outcome),
-        **task.problem.tracker.arguments("floor", "max_deviation_mm", "linear_speed_m_s"),
-    )
-
-
-FAR = 1e-3
-"""[m] Distance from the first reference pose above which a note reports the start."""
-
-
-def _notes(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> Iterator[str]:
-    yield "a reconstruction: the equations of the paper (Xu, Guo, Zhang 2021) are missing in our copy"
-    yield plant_note(problem.plant, "the robot is simulated: its joints move exactly as commanded")
-    if problem.plant.kind != "ideal":
-        yield "the plan was not run on that robot, only the controllers that run tick by tick"
-    first = scene.reference.poses[~scene.reference.lost][0]
-    away = float(np.linalg.norm(scene.robot.pose(scene.start)[:3, 3] - first[:3, 3]))
-    if away > FAR:
-        yield f"the robot starts {1e3 * away:.0f} mm from the first pose and moves there first; '{BEFORE}' begins there"
-    if scene.person is not None:
-        yield "the reference is limited to the led arm's range of motion; distances are to the mirrored one"
-    w = scene.robot.manipulability(scene.start) / tracker.max_manipulability
-    if w < problem.tracker.floor:
-        yield f"the robot starts below the floor, at {w:.3f}"
-    for i, plane in enumerate(tracker.hand_bounds.planes):
-        height = tracker.hand_bounds.min_heights(scene.start[None], plane).item()
-        if height < 0.0:
-            yield f"the robot starts {-1e3 * height:.3g} mm inside tracker.keep_out.{i}, and moves no deeper"
 
 
 class MirrorSystem(System[MirrorProblem, LedScene]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
-
     labels = ("law",)
     first = (
         "drive: passed", "drive: deviation", "drive: duration", "complete", "drive: manipulability", "below_floor",
@@ -170,7 +167,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         """The floor, and the reference."""
         reference = outcome.metrics["reference"]
         return (
-            f"floor {_task(outcome).problem.tracker.floor:g} of the robot's largest manipulability; reference of "
+            f"floor {task_of(outcome).problem.tracker.floor:g} of the robot's largest manipulability; reference of "
             f"{reference['duration_s']:.1f} s, up to {reference['speed_max_m_s']:.2g} m/s, above the cap "
             f"{100 * reference['faster_than_cap_fraction_of_time']:.0f} % of the time; "
             f"filter lag {1e3 * reference['filter_lag_s']:.0f} ms; passed: within 5 mm and 5 deg"
@@ -178,10 +175,10 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
 
     def check(self, config: Config) -> tuple[str, ...]:
         """Read and place the recording, build the tracker, and count the poses that the robot reaches."""
-        scene = laid_out(config)
-        tracker = tracker_of(config.problem, scene, file=config.file)
-        within = start_notes(config.problem.clearance, config.file, scene.robot, scene.start)
-        return (*scene.notes, *within, *path_notes(scene), reach_note(config.problem, scene, tracker))
+        setup = laid_out(config)
+        tracker = tracker_of(config.problem, setup, file=config.file)
+        within = start_notes(config.problem.clearance, config.file, setup.robot, setup.start)
+        return (*setup.notes, *within, *path_notes(setup), reach_note(config.problem, setup, tracker))
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, LedScene]:
         """Each controller on the same reference; the option is `plant`."""
@@ -190,10 +187,10 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
         """Metrics of the reference, of each controller, of A* and of bodies."""
-        task, near = _task(outcome), _near(outcome)
-        problem, setup, reference = task.problem, task.setup, task.setup.reference
+        task = task_of(outcome)
+        near, astar = task.near(outcome.traces[STEP,]), task.astar
+        problem, reference = task.problem, task.setup.reference
         fast = np.linalg.norm(reference.twists[~reference.lost, :3], axis=1)
-        astar = task.astar
         return {
             "reference": {
                 "duration_s": float(reference.times[-1] - reference.times[0]),
@@ -204,7 +201,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
                 "speed_max_m_s": float(fast.max()),
                 "faster_than_cap_fraction_of_time": float(np.mean(fast > problem.tracker.linear_speed_m_s)),
                 "filter_lag_s": Conditioner(task.dt, cutoff_hz=problem.conditioning.cutoff_hz).lag,
-                "calibration_rms_m": setup.fit.rms if setup.fit is not None else None,
+                "calibration_rms_m": task.setup.fit.rms if task.setup.fit is not None else None,
                 "scale": problem.placement.scale,
             },
             "manipulability_max": task.tracker.max_manipulability,
@@ -215,18 +212,16 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
 
     def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
         """Notes on the input, the start, incomplete controllers, and the closest bodies."""
-        task, near = _task(outcome), _near(outcome)
-        yield from (*task.setup.notes, *path_notes(task.setup), *_notes(task.problem, task.setup, task.tracker))
-        for (name,), of in numbers.items():
-            if not of["complete"]:
-                yield f"{name}: INCOMPLETE, the reference's end was not reached within tracker.patience"
+        task = task_of(outcome)
+        near = task.near(outcome.traces[STEP,])
+        yield from (*task.notes(), *super().notes(numbers, outcome))
         yield from () if near is None else (near.note,)
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
         """See `mirror.shown`."""
         from rehab_opt.session.mirror.shown import figures  # noqa: PLC0415  (draws)
 
-        return figures(runs_of(outcome))
+        return figures(task_of(outcome), {name: trace for (name,), trace in outcome.traces.items()})
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
         """The mirrored recording to and fro, until the live user drags the hand; the option is `plant`."""

@@ -29,8 +29,6 @@ from rehab_opt.session.robot_file import pose_of, robot_at_start
 from rehab_opt.session.schema import Side
 from rehab_opt.text_file import times
 
-__all__ = ["Setup", "laid_out", "path_notes"]
-
 UNITY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Unity's axes in a robot's frame: p = (z, -x, y)."""
 ARM_HAND = {

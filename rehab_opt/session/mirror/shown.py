@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rehab_opt.published.astar import AStarPath
 from rehab_opt.session.drawing import (
     BROAD,
     LAW_STYLES,
@@ -27,153 +26,156 @@ from rehab_opt.session.drawing import (
     servo_figure,
 )
 from rehab_opt.session.live.bodies import ArmBodies
+from rehab_opt.session.mirror.laws import BEFORE, PLAN, STEP
 from rehab_opt.session.mirror.metrics import CAUSES
-from rehab_opt.session.mirror.outcome import BEFORE, PLAN, STEP, MirrorRuns
+from rehab_opt.session.mirror.run import Mirrored
 from rehab_opt.session.outcome import Array
-
-__all__ = ["figures"]
-
+from rehab_opt.session.trace import Trace
 
 STYLES: Mapping[str, Mapping[str, Any]] = {
-    BEFORE: {"color": OKABE_ITO[4], "linestyle": ":"},
-    STEP: LAW_STYLES["optimised"],
-    PLAN: {"color": OKABE_ITO[2], "linestyle": "-."},
+    BEFORE: {"color": OKABE_ITO[4], "linestyle": ":", "label": BEFORE},
+    STEP: {**LAW_STYLES["optimised"], "label": "tick by tick (step)"},
+    PLAN: {"color": OKABE_ITO[2], "linestyle": "-.", "label": "as a whole (plan)"},
 }
-ASTAR = LAW_STYLES["published"]
-LABELS = {BEFORE: BEFORE, STEP: "tick by tick (step)", PLAN: "as a whole (plan)"}
-CAUSE_COLOURS = dict(
-    zip(CAUSES, ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000"), strict=True)
-)
+ASTAR: Mapping[str, Any] = {**LAW_STYLES["published"], "label": "published A*"}
+MIRRORED: Mapping[str, Any] = {"color": REFERENCE, "linewidth": BROAD, "alpha": 0.25, "label": "mirrored hand"}
+DASHED: Mapping[str, Any] = {"color": REFERENCE, "linewidth": THIN, "linestyle": "--"}
+CAUSE_COLOURS = ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000")
 EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 
 
-def figures(outcome: MirrorRuns) -> dict[str, Figure]:
-    """The figures of a run by file name (without suffix)."""
-    led = outcome.laws
+def figures(task: Mirrored, laws: Mapping[str, Trace]) -> dict[str, Figure]:
+    """The figures of the runs by file name (without suffix)."""
+    drives = {name: trace["_drive"].item() for name, trace in laws.items()}
+    joints = {STYLES[name]["label"]: (of["t_s"], of["joint"], _unlabelled(name)) for name, of in drives.items()}
+    of_step, near = f" ({STYLES[STEP]['label']})", task.near(laws[STEP])
     drawn = {
-        "manipulability": _manipulability(outcome),
-        "position": _position(outcome),
-        "joints": joint_figure(
-            outcome.chain, {LABELS[name]: (of.time, of.q, STYLES[name]) for name, of in outcome.drives.items()}
-        ),
-        "pace": _pace(outcome),
-        "causes": _causes(outcome),
-        "space": _space(outcome),
+        "manipulability": _manipulability(task, drives),
+        "position": _position(task, drives),
+        "joints": joint_figure(task.robot, joints),
+        "pace": _pace(task, laws, drives),
+        "causes": _causes(laws, drives),
+        "space": _space(task, drives),
     }
-    if outcome.near is not None:
-        drawn["clearance"] = outcome.near.figure(f" ({LABELS[STEP]})")
-    motion = led[STEP].motion
-    if motion is not None:
-        drawn["servos"] = servo_figure(outcome.chain.names, motion, outcome.chain.velocity, of=f" ({LABELS[STEP]})")
+    if near is not None:
+        drawn["clearance"] = near.figure(of_step)
+    if "_velocity" in laws[STEP]:
+        motion = Trace({**laws[STEP], "velocity": laws[STEP]["_velocity"]})
+        drawn["servos"] = servo_figure(task.robot.names, motion, task.robot.velocity, of=of_step)
     return drawn
 
 
-def _manipulability(outcome: MirrorRuns) -> Figure:
+def _unlabelled(name: str) -> dict[str, Any]:
+    return {key: value for key, value in STYLES[name].items() if key != "label"}
+
+
+def _n(drives: Mapping[str, Trace]) -> str:
+    return f"n = {max(len(drive['t_s']) for drive in drives.values())} samples."
+
+
+def _times(task: Mirrored) -> Array:
+    """(N,) [s] of the reference."""
+    return np.asarray(task.setup.reference.times - task.setup.reference.times[0])
+
+
+def _astar_times(task: Mirrored) -> Array:
+    """(K,) [s] of the nearest reference positions: the published path has no times."""
+    assert task.astar is not None
+    return np.asarray(_times(task)[~task.setup.reference.lost][task.astar.nearest])
+
+
+def _manipulability(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
     """Manipulability over the reference's own time, so that equal moments of the motion are above each other."""
+    floor, end = task.bounds.floor, float(_times(task)[-1])
     figure = framed(
         "Manipulability as a fraction of the robot's largest, over the reference's own time, with the floor of "
-        f"{outcome.floor:g} and without. n = {_n(outcome)} samples.",
+        f"{floor:g} and without. {_n(drives)}",
         2.8,
         NARROW,
     )
-    axes, end = figure.add_subplot(), float(outcome.time[-1])
-    for name, drive in outcome.drives.items():
-        moment = drive.time - drive.lag
+    axes = figure.add_subplot()
+    for name, drive in drives.items():
+        moment = drive["t_s"] - drive["lag_s"]
         moment = np.where(moment <= end, moment, np.nan)  # afterwards the hand settles at the last pose
-        axes.plot(moment, drive.manipulability, **STYLES[name], label=LABELS[name])
-    path = outcome.astar
-    if path is not None:
-        largest = outcome.metrics["manipulability_max"]
-        w = np.array([outcome.chain.manipulability(q) for q in path.q]) / largest
-        axes.plot(_astar_times(outcome, path), w, **ASTAR, label="published A*")
-    axes.axhspan(
-        -1, outcome.floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label=f"below the floor of {outcome.floor:g}"
-    )
+        axes.plot(moment, drive["manipulability"], **STYLES[name])
+    if task.astar is not None:
+        w = np.array([task.robot.manipulability(q) for q in task.astar.q]) / task.bounds.max_manipulability
+        axes.plot(_astar_times(task), w, **ASTAR)
+    below = f"below the floor of {floor:g}"
+    axes.axhspan(-1, floor, color=LIMIT, alpha=0.4, linewidth=0, zorder=0, label=below)
     axes.set(xlim=(-0.01 * end, 1.01 * end), xlabel="time in the reference [s]")
     axes.set(ylim=(0, 1), ylabel="manipulability / its maximum")
     return legend_below(figure)
 
 
-def _position(outcome: MirrorRuns) -> Figure:
+def _position(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
+    allowed = task.problem.tracker.max_deviation_mm
     figure = framed(
         "Position of the driven hand over time, the mirrored hand as reference (broad line), and the distance between "
-        f"them; allowed are {MM * outcome.max_deviation:g} mm. n = {_n(outcome)} samples.",
+        f"them; allowed are {allowed:g} mm. {_n(drives)}",
         5.2,
     )
     panels = figure.subplots(4, 1, sharex=True)
     for i, axes in enumerate(panels[:3]):
-        reference = MM * outcome.reference[:, i, 3]
-        axes.plot(outcome.time, reference, color=REFERENCE, linewidth=BROAD, alpha=0.25, label="mirrored hand")
-        for name, led in outcome.drives.items():
-            axes.plot(led.time, MM * led.tool[:, i, 3], **STYLES[name], label=LABELS[name])
-        if outcome.astar is not None:
-            positions = MM * outcome.astar.positions[:, i]
-            axes.plot(_astar_times(outcome, outcome.astar), positions, **ASTAR, label="published A*")
-    for name, led in outcome.drives.items():
-        panels[3].plot(led.time, MM * led.deviation, **STYLES[name], label=LABELS[name])
-    allowed = panels[3].axhline(MM * outcome.max_deviation, color=REFERENCE, linewidth=THIN, linestyle="--")
-    allowed.set_label("allowed distance")
-    furthest = (MM * float(np.nanmax(outcome.drives[name].deviation)) for name in (STEP, PLAN))
+        axes.plot(_times(task), MM * task.setup.reference.poses[:, i, 3], **MIRRORED)
+        for name, drive in drives.items():
+            axes.plot(drive["t_s"], MM * drive["_tool"][:, i, 3], **STYLES[name])
+        if task.astar is not None:
+            axes.plot(_astar_times(task), MM * task.astar.positions[:, i], **ASTAR)
+    for name, drive in drives.items():
+        panels[3].plot(drive["t_s"], MM * drive["deviation_m"], **STYLES[name])
+    panels[3].axhline(allowed, **DASHED, label="allowed distance")
+    furthest = (MM * float(np.nanmax(drives[name]["deviation_m"])) for name in (STEP, PLAN))
     label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
     end_at(panels[3], 1.3 * max(*furthest, 1.0))
     return legend_below(figure)
 
 
-def _n(outcome: MirrorRuns) -> int:
-    return max(len(drive.time) for drive in outcome.drives.values())
-
-
-def _astar_times(outcome: MirrorRuns, path: AStarPath) -> Array:
-    """(K,) [s] of the nearest reference positions: the published path has no times."""
-    return np.asarray(outcome.time[np.isfinite(outcome.reference[:, 0, 3])][path.nearest])
-
-
-def _pace(outcome: MirrorRuns) -> Figure:
+def _pace(task: Mirrored, laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
+    limit = task.problem.tracker.linear_speed_m_s
     figure = framed(
         "How the reference is slowed in time: seconds of it in a second, and how late it is followed; speed of the "
-        f"tool, at most {outcome.linear_speed:g} m/s for a controller with a floor; when what was relaxed. "
-        f"n = {_n(outcome)} samples.",
+        f"tool, at most {limit:g} m/s for a controller with a floor; when what was relaxed. {_n(drives)}",
         5.4,
     )
     pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
-    for name, drive in outcome.drives.items():
-        tool = np.linalg.norm(np.diff(drive.tool[:, :3, 3], axis=0), axis=1) / np.diff(drive.time)
-        speed.plot(drive.time[1:], tool, **STYLES[name], label=LABELS[name])
+    for name, drive in drives.items():
+        time = drive["t_s"]
+        tool = np.linalg.norm(np.diff(drive["_tool"][:, :3, 3], axis=0), axis=1) / np.diff(time)
+        speed.plot(time[1:], tool, **STYLES[name])
         if name != BEFORE:
-            pace.plot(drive.time, 100 * drive.pace, **STYLES[name])
-            lag.plot(drive.time, drive.lag, **STYLES[name])
-    speed.axhline(outcome.linear_speed, color=REFERENCE, linewidth=THIN, linestyle="--", label="limit of the speed")
-    _events(events, outcome)
+            pace.plot(time, 100 * drive["pace"], **_unlabelled(name))
+            lag.plot(time, drive["lag_s"], **_unlabelled(name))
+    speed.axhline(limit, **DASHED, label="limit of the speed")
+    _events(events, laws, drives)
     labels = "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
     label_times((pace, lag, speed, events), *labels)
-    pace.set_ylim(0, 110 * max(float(drive.pace.max()) for drive in outcome.drives.values()))
+    pace.set_ylim(0, 110 * max(float(drive["pace"].max()) for drive in drives.values()))
     lag.set_ylim(bottom=0)
-    end_at(speed, 3 * outcome.linear_speed)
+    end_at(speed, 3 * limit)
     return legend_below(figure)
 
 
-def _causes(outcome: MirrorRuns) -> Figure:
+def _causes(laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
     """A strip of time for each drive, and the duration of each cause."""
     figure = framed(
         "What kept the hand from its reference: as a strip of time for each controller, and the seconds of each cause. "
-        f"n = {_n(outcome)} samples.",
+        f"{_n(drives)}",
         5.2,
     )
     when, seconds = figure.subplots(2, 1, height_ratios=(1, 4))
-    names = list(outcome.drives)
-    for row, (name, drive) in enumerate(outcome.drives.items()):
-        cause, dt = outcome.causes[name], float(drive.time[1] - drive.time[0])
+    for row, (name, drive) in enumerate(drives.items()):
+        cause, dt = laws[name]["_cause"], float(drive["t_s"][1] - drive["t_s"][0])
         begins = np.append(0, np.flatnonzero(np.diff(cause)) + 1)
         lengths = np.diff(np.append(begins, len(cause)))
-        for k, (label, colour) in enumerate(CAUSE_COLOURS.items()):
+        for k, colour in enumerate(CAUSE_COLOURS):
             strips = [(dt * a, dt * n) for a, n in zip(begins.tolist(), lengths.tolist(), strict=True) if cause[a] == k]
             when.broken_barh(strips, (row - 0.4, 0.8), color=colour, linewidth=0)
-            spent = outcome.metrics["laws"][name]["drive"]["seconds_by_cause"][label]
-            at = k + 0.3 * (row - (len(names) - 1) / 2)
+            spent, at = dt * float(np.sum(cause == k)), k + 0.3 * (row - (len(drives) - 1) / 2)
             seconds.barh(at, spent, height=0.26, color=colour)
             if spent >= 0.05:
                 seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center")
-    when.set_yticks(range(len(names)), [LABELS[name] for name in names])
+    when.set_yticks(range(len(drives)), [STYLES[name]["label"] for name in drives])
     when.set_xlabel("time of the run [s]")
     seconds.set_yticks(range(len(CAUSES)), CAUSES)
     seconds.set_xlabel("time under each cause [s]")
@@ -184,56 +186,46 @@ def _causes(outcome: MirrorRuns) -> Figure:
     return figure
 
 
-def _events(axes: Axes, outcome: MirrorRuns) -> None:
+def _events(axes: Axes, laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> None:
     """Times of events in the drive, one row for each controller and kind of event."""
     rows = []
     for name in (STEP, PLAN):
-        led, drive = outcome.laws[name], outcome.drives[name]
+        led, drive = laws[name], drives[name]
         for event in EVENTS:
-            ticks = np.array(
-                [event == status or event in said for status, said in zip(led.status, led.relaxed, strict=True)]
-            )
+            ticks = (led["status"] == event) | (np.char.find(led["relaxed"].astype(str), event) >= 0)
             if ticks.any():
-                at = np.interp(led.time[ticks], drive.law_time, drive.time)
-                rows.append((f"{event} ({name})", at, STYLES[name]["color"]))
-    for i, (_, at, colour) in enumerate(rows):
-        axes.plot(at, np.full(len(at), i), "|", color=colour, markersize=8)
-    axes.set_yticks(range(len(rows)), [label for label, _, _ in rows])
+                rows.append(f"{event} ({name})")
+                at = np.interp(led["t_s"][ticks], drive["law_t_s"], drive["t_s"])
+                axes.plot(at, np.full(len(at), len(rows) - 1), "|", color=STYLES[name]["color"], markersize=8)
+    axes.set_yticks(range(len(rows)), rows)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     if not rows:
         axes.set_ylim(0, 1)
         axes.annotate("nothing was relaxed", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
-def _space(outcome: MirrorRuns) -> Figure:
+def _space(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
     """The motion in the robot's frame; the robot is drawn in its last posture."""
     figure = framed(
         "The healthy hand, its mirror image and the hand that is led, in the robot's frame [mm]; the robot at the end. "
-        f"n = {_n(outcome)} samples.",
+        f"{_n(drives)}",
         3.6,
         NARROW,
     )
     axes = figure.add_subplot(projection="3d")
-    healthy, reference = MM * outcome.recorded, MM * outcome.reference[:, :3, 3]
-    axes.plot(*healthy.T, color=OKABE_ITO[3], label="healthy hand")
-    axes.plot(*reference.T, color=REFERENCE, linewidth=BROAD, alpha=0.25, label="mirrored hand")
-    drawn = [healthy, reference]
-    for name, led in outcome.drives.items():
-        if name == BEFORE:
-            continue
-        path = MM * led.tool[:, :3, 3]
-        axes.plot(*path.T, **STYLES[name], label=LABELS[name])
-        drawn.append(path)
-    if outcome.astar is not None:
-        axes.plot(*(MM * outcome.astar.positions).T, **ASTAR, label="published A*")
-    last = list(outcome.drives.values())[-1].q[-1]
-    arm = MM * ArmBodies(outcome.chain).frames(last)[:, :, 3]
-    axes.plot(*arm.T, color="#555555", linewidth=BROAD / 2, marker="o", label="robot at the end")
-    drawn.append(arm)
+    drawn = [MM * task.setup.recorded, MM * task.setup.reference.poses[:, :3, 3]]
+    axes.plot(*drawn[0].T, color=OKABE_ITO[3], label="healthy hand")
+    axes.plot(*drawn[1].T, **MIRRORED)
+    for name in (STEP, PLAN):
+        drawn.append(MM * drives[name]["_tool"][:, :3, 3])
+        axes.plot(*drawn[-1].T, **STYLES[name])
+    if task.astar is not None:
+        axes.plot(*(MM * task.astar.positions).T, **ASTAR)
+    drawn.append(MM * ArmBodies(task.robot).frames(drives[PLAN]["joint"][-1])[:, :, 3])
+    axes.plot(*drawn[-1].T, color="#555555", linewidth=BROAD / 2, marker="o", label="robot at the end")
     points = np.concatenate(drawn)
-    points = points[np.all(np.isfinite(points), axis=1)]
-    low, high = points.min(axis=0), points.max(axis=0)
-    _draw_mirror(axes, outcome, low, high)
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    _draw_mirror(axes, task, low, high)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(np.maximum(high - low, 1.0), zoom=1.1)
     axes.view_init(elev=24, azim=-125)
@@ -243,17 +235,13 @@ def _space(outcome: MirrorRuns) -> Figure:
     return legend_below(figure)
 
 
-def _draw_mirror(axes: Any, outcome: MirrorRuns, low: Array, high: Array) -> None:
+def _draw_mirror(axes: Any, task: Mirrored, low: Array, high: Array) -> None:
     """The part of the (vertical) sagittal plane within the extent of everything else."""
-    normal = np.array(outcome.mirror.normal) / np.linalg.norm(outcome.mirror.normal)
-    along, point = np.array([-normal[1], normal[0], 0.0]), MM * np.array(outcome.mirror.point)
-    corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    normal = np.array(task.setup.mirror.normal) / np.linalg.norm(task.setup.mirror.normal)
+    along, point = np.array([-normal[1], normal[0]]), MM * np.array(task.setup.mirror.point[:2])
+    corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
     reach = (corners - point) @ along
-    across = np.array([reach.min(), reach.max()])
-    heights = np.array([low[2], high[2]])
-    ground = point[None, :2] + across[:, None] * along[None, :2]
-    axes.plot_surface(
-        np.tile(ground[:, 0], (2, 1)), np.tile(ground[:, 1], (2, 1)), np.tile(heights[:, None], (1, 2)),
-        color=OKABE_ITO[5], alpha=0.15, linewidth=0,
-    )  # fmt: skip
+    x, y = (point + np.outer((reach.min(), reach.max()), along)).T
+    heights = np.tile([[low[2]], [high[2]]], (1, 2))
+    axes.plot_surface(np.tile(x, (2, 1)), np.tile(y, (2, 1)), heights, color=OKABE_ITO[5], alpha=0.15, linewidth=0)
     axes.plot([], [], color=OKABE_ITO[5], alpha=0.3, linewidth=2 * BROAD, label="sagittal plane (mirror)")

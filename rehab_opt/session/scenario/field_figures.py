@@ -82,7 +82,8 @@ def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
     (left, right), (low, high) = box
     step = max(right - left, high - low) / MM / count
     x, y = np.arange(left / MM + step / 2, right / MM, step), np.arange(low / MM + step / 2, high / MM, step)
-    return x, y, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    points: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.asarray(x), np.asarray(y), points
 
 
 def gated_forces(context: Precomputed, points: Array) -> Array:
@@ -197,8 +198,8 @@ def along_figure(of: ScenarioTrials) -> Figure:
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     inside = np.asarray(context.comfortable.contains(points))
     published = PotentialField(path.points, drag=-field.drag, rest_on_target=False, compile=False, **context.numbers)
-    for law, whole, gate in (("assisted", field, _gate(context, points)), ("published", published, ~inside)):
-        label, style, marker = CURVES[law]
+    gated = (field, _gate(context, points)), (published, ~inside)
+    for (law, (label, style, marker)), (whole, gate) in zip(CURVES.items(), gated, strict=True):
         along = gate * (whole.force(points) * tangents).sum(axis=1)
         axes.plot(left, along, style, color=LAW_COLOURS[law], label=label)
         if law in of.trials:
@@ -225,7 +226,7 @@ def _draw_trials(axes: Axes, of: ScenarioTrials, law: Law, marker: str) -> None:
     if not len(every):
         return
     edges = np.linspace(0.0, float(every.max()) + 1e-9, BINS + 1)
-    which, thin = np.digitize(every, edges) - 1, {"linewidth": THIN, "color": LAW_COLOURS[law]}
+    which, thin = np.digitize(every, edges) - 1, dict[str, Any](linewidth=THIN, color=LAW_COLOURS[law])
     for i in range(BINS):
         within = force[which == i]
         if len(within) >= ENOUGH:

@@ -95,9 +95,9 @@ def mean_over_trials(trials: Sequence[Trace], values: Iterable[Array]) -> tuple[
     lengths = sorted((len(trial["t_s"]) for trial in trials), reverse=True)
     under_way = lengths[(len(trials) - 1) // 2]
     longest = max(trials, key=lambda trial: len(trial["t_s"]))["t_s"][:under_way]
-    total, count = 0.0, np.zeros(under_way)
+    total, count = np.zeros(1), np.zeros(under_way)
     for of in values:
         short = under_way - len(of[:under_way])
-        total = total + np.pad(of[:under_way], [(0, short), (0, 0)][: of.ndim])
+        total = np.pad(of[:under_way], [(0, short), (0, 0)][: of.ndim]) + total
         count[: under_way - short] += 1
-    return longest, np.asarray((np.asarray(total).T / count).T)
+    return longest, (total.T / count).T

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ class Precomputed:
     demonstrated: Array | None
     workspace_map: ControllerMap | None
     fields: tuple[PotentialField, ...]
-    numbers: Mapping[str, float]
+    numbers: Mapping[str, Any]
     drag: float
     shown: tuple[Demonstration, ...]
     intention: Intention
@@ -204,7 +205,7 @@ def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: W
         raise ProblemFileError(config.file, "task.mapped", value, expected) from refused
 
 
-def _fields(problem: ScenarioProblem, path: Array, numbers: Mapping[str, float]) -> tuple[PotentialField, ...]:
+def _fields(problem: ScenarioProblem, path: Array, numbers: Mapping[str, Any]) -> tuple[PotentialField, ...]:
     """One field along the path, or one for each point."""
     if problem.mode == "hold":
         return tuple(PotentialField(point[None, :], **numbers) for point in path)
