@@ -216,7 +216,7 @@ def test_each_controller_is_steered_by_a_user_who_sees_its_own_hand(scene: str, 
         user = SimulatedUser(scene_of(outcome).problem.goals, joystick)
         before = [joystick.modes[0].name, *trace["stick_mode"][:-1].tolist()]
         moments = map(Moment, trace["t_s"].tolist(), trace["joint"], trace["hand"], before)
-        seen = [(user.at(each) or LET_GO).axes for each in moments]
+        seen = [(user.at(each) or LET_GO).stick for each in moments]
         np.testing.assert_array_equal(seen, trace["stick"], err_msg=f"{drive}, {law}")
 
 
@@ -230,12 +230,12 @@ def test_user_pushes_an_axis_that_is_turned_round_the_other_way_and_lets_one_tha
         user = SimulatedUser([goal], Joystick([StickMode("plane", ("x", "y"), speeds)], dead_zone=0.5))
         sample = user.at(there(0.0, 0.0, 0.0))
         assert sample is not None
-        assert np.sign(sample.axes).tolist() == list(signs)
-        assert math.hypot(*sample.axes) == pytest.approx(1.0, abs=0.01)
+        assert np.sign(sample.stick).tolist() == list(signs)
+        assert math.hypot(*sample.stick) == pytest.approx(1.0, abs=0.01)
     close = SimulatedUser([goal], Joystick([StickMode("plane", ("x", "y"), (0.2, 0.2))], dead_zone=0.5))
     sample = close.at(there(0.95, 1.0, 0.0))
     assert sample is not None
-    assert sample.axes[0] > 0.5, "beyond the dead zone, or nothing moves"
+    assert sample.stick[0] > 0.5, "beyond the dead zone, or nothing moves"
 
 
 def test_user_lets_go_for_good_at_the_last_goal_and_where_a_goal_takes_too_long() -> None:
@@ -254,7 +254,7 @@ def test_recording_is_held_between_its_samples(written: Write) -> None:
     stick = read_stick(path, name="stick.csv")
     moments = [Moment(t, ARDIS_READY, np.zeros(3), "plane") for t in (0.0, 0.49, 0.5, 0.99, 1.0, 1.01)]
     samples = [stick.at(moment) for moment in moments]
-    assert [sample and sample.axes[0] for sample in samples] == [0.0, 0.0, 1.0, 1.0, 0.0, None]
+    assert [sample and sample.stick[0] for sample in samples] == [0.0, 0.0, 1.0, 1.0, 0.0, None]
     assert [sample and sample.gripper for sample in samples[:5]] == [False, False, True, True, False]
 
 

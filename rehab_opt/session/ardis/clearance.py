@@ -12,8 +12,6 @@ from rehab_opt.kinematics.arm_links import LinkEnd, arm_links
 from rehab_opt.kinematics.mobile_arm import CHAIR, Capsule, MobileArm, Outline
 from rehab_opt.session.outcome import Array
 
-__all__ = ["arm_gaps", "arm_points", "chair_corners", "chair_gaps", "point_gaps"]
-
 
 def chair_corners(outline: Outline, q: Array) -> Array:
     """(N, 4, 2) [m] corners of the chair, in order around it, at joint positions q (N, 7)."""

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["figures"]
-
 OBSTACLE, ARM = "#BBBBBB", OKABE_ITO[5]
 INSTANTS = 4
 """Number of drawn chairs, from the first to the last."""

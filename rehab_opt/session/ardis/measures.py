@@ -19,8 +19,6 @@ from rehab_opt.session.ardis.problem import DriveName, GoalSection
 from rehab_opt.session.outcome import Array, finite, reason_counts, status_counts
 from rehab_opt.session.trace import Trace
 
-__all__ = ["KEPT", "excesses", "goals_met", "hand_fractions", "kinetic_energies", "motion_metrics"]
-
 KEPT = 1e-6
 """[m, rad, and the same per s or s^2] A smaller excess still satisfies a limit: rounding and the certificate's
 tolerance."""

@@ -13,8 +13,6 @@ from rehab_opt.session.clearance import ClearanceSection
 from rehab_opt.session.plant import ChairPlant
 from rehab_opt.session.schema import Length, Problem, Section, SolverName, Triple, refusal
 
-__all__ = ["DRIVES", "ArdisProblem", "DriveName", "GoalSection", "RobotSection", "RunSection", "StickSection"]
-
 RowName = Literal["x", "y", "z", "rx", "ry", "rz", "roll7"]
 
 Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]

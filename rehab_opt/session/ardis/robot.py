@@ -13,7 +13,7 @@ from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, RobotSection, RunSection, StickSection
-from rehab_opt.session.ardis.stick import Stick, StickRecording, read_stick
+from rehab_opt.session.ardis.stick import StickRecording, read_stick
 from rehab_opt.session.ardis.user import SimulatedUser
 from rehab_opt.session.clearance import clearance_key, clearance_of
 from rehab_opt.session.files import ProblemFile, recording_path
@@ -22,8 +22,6 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import posture_of
 from rehab_opt.session.robot_file import robot_of as arm_of
 from rehab_opt.session.schema import keys_of
-
-__all__ = ["joystick_of", "resolver_of", "robot_of", "room_of", "start_of", "stick_of"]
 
 MAX_TICKS = 500_000
 """A longer run would need more than a gigabyte for poses and Jacobians."""
@@ -97,7 +95,7 @@ def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
         return Joystick(modes, dt=1 / config.problem.run.rate_hz, **section.arguments("dead_zone", "rate_per_s"))
 
 
-def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> Stick:
+def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> StickRecording | SimulatedUser:
     """The drive's stick: its recording, or a new simulated user.
 
     Raises

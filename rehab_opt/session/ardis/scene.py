@@ -20,7 +20,7 @@ from rehab_opt.session.ardis.figures import figures
 from rehab_opt.session.ardis.measures import motion_metrics
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of, stick_of
-from rehab_opt.session.ardis.steering import NO_ANSWER, Published, Steering, StickLaw
+from rehab_opt.session.ardis.steering import NO_ANSWER, Published, Steering
 from rehab_opt.session.ardis.stick import LET_GO, Moment
 from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bodies, start_notes
 from rehab_opt.session.files import ProblemFile
@@ -34,8 +34,6 @@ from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["LAWS", "ArdisScene", "ArdisSystem"]
 
 Config = ProblemFile[ArdisProblem]
 LAWS = ("published", "optimised")
@@ -94,11 +92,9 @@ class ArdisScene(Scene):
         if plant is None:
             made = IdealJoints(self.dt) if ideal else chair_plant(table, robot, wheels, self.dt, own_arm=own)
             plant = TouchedPlant(made)
-        law: StickLaw
-        if self.law == "published":
-            law = Published(PseudoinverseLaw(robot, drive=self.drive, self_motion=self.problem.run.self_motion))
-        else:
-            law = resolver_of(self._config, robot, self.drive, solver=self._solver)
+        published = PseudoinverseLaw(robot, drive=self.drive, self_motion=self.problem.run.self_motion)
+        ours = self.law != "published"
+        law = resolver_of(self._config, robot, self.drive, solver=self._solver) if ours else Published(published)
         joystick, stick = joystick_of(self._config), stick_of(self._config, self.drive)
         return Steering(robot, law, joystick, stick, plant=plant, start=self.start, wheels=not ideal)
 
@@ -231,7 +227,8 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
                 continue
             joystick, dt = joystick_of(config), 1 / config.problem.run.rate_hz
             moments = (Moment(k * dt, start, start[:3], "") for k in range(math.ceil(stick.duration / dt) + 1))
-            told = [joystick.step(**(stick.at(each) or LET_GO)._asdict()) for each in moments]
+            inputs = (stick.at(each) or LET_GO for each in moments)
+            told = [joystick.step(each.stick, switch=each.switch, gripper=each.gripper) for each in inputs]
             notes += _stick_notes(drive, [each.reason for each in told], dt, IGNORED)
             if not any(each.reason or each.twist.any() for each in told):
                 notes.append(NotMet(f"{drive} drive: the stick commands nothing"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,23 +14,12 @@ from rehab_opt.control.joystick import Joystick, StickCommand
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
-from rehab_opt.session.ardis.stick import LET_GO, Moment, Stick
+from rehab_opt.session.ardis.stick import LET_GO, Moment, StickRecording
+from rehab_opt.session.ardis.user import SimulatedUser
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.outcome import Array
 
-__all__ = ["NO_ANSWER", "Published", "Steering", "StickLaw"]
-
 NO_ANSWER = "no answer"
-
-
-class StickLaw(Protocol):
-    """A controller of the stick's twist, such as `RedundancyResolver`."""
-
-    def step(
-        self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
-    ) -> Command:
-        """Joint velocities (n,), the chair's in the world frame, and wheel speeds."""
-        ...
 
 
 class Published:
@@ -58,6 +47,7 @@ class Steering(LiveControl):
 
     Parameters
     ----------
+    law : a `RedundancyResolver`, or `Published`.
     stick : moves the robot without a live user; a simulated user belongs to this control alone.
     plant : takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
     start : (n,) joint positions [m, rad].
@@ -70,9 +60,9 @@ class Steering(LiveControl):
     def __init__(
         self,
         robot: MobileArm,
-        law: StickLaw,
+        law: Any,
         joystick: Joystick,
-        stick: Stick,
+        stick: StickRecording | SimulatedUser,
         *,
         plant: Plant,
         start: Array,
@@ -86,10 +76,9 @@ class Steering(LiveControl):
     def untouched(self, time: float) -> LiveInputs:
         """Inputs of the stick at `time` [s], for the true state of the robot."""
         now = self.plant.truth.position
-        sample = self._stick.at(Moment(time, now, self._robot.chain.pose(now)[:3, 3], self.mode))
-        self.ticks_let_go += sample is None
-        told = LET_GO if sample is None else sample
-        return LiveInputs(enable=True, stick=told.axes, switch=told.switch, gripper=told.gripper)
+        inputs = self._stick.at(Moment(time, now, self._robot.chain.pose(now)[:3, 3], self.mode))
+        self.ticks_let_go += inputs is None
+        return LET_GO if inputs is None else inputs
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The controller's command for the stick's twist."""
@@ -98,14 +87,8 @@ class Steering(LiveControl):
         self.axes = inputs.stick
         commanded = self.commanded = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
         self.mode = self._joystick.mode.name
-        command = self.law.step(
-            seen.position,
-            commanded.twist,
-            commanded.rows,
-            commanded.frame,
-            enable=inputs.enable,
-            stamp=self.stamp(seen),
-        )
+        how: dict[str, Any] = {"enable": inputs.enable, "stamp": self.stamp(seen)}
+        command = self.law.step(seen.position, commanded.twist, commanded.rows, commanded.frame, **how)
         return command._replace(reason=commanded.reason) if inputs.enable and not command.reason else command
 
     def plant_command(self, command: Command) -> Array:

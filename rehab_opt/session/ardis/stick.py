@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.tables import numbers_below
+from rehab_opt.session.live.problem import LiveInputs
 from rehab_opt.session.outcome import Array
 from rehab_opt.text_file import LATEST, shown, text_lines
-
-__all__ = ["HEADER", "LET_GO", "Moment", "Stick", "StickRecording", "StickSample", "read_stick"]
 
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
 MAX_SAMPLES = 200_000
@@ -21,16 +20,8 @@ LONGEST = 3600.0
 """[s] A longer recording probably has its times in another unit."""
 
 
-class StickSample(NamedTuple):
-    """One sample of a stick."""
-
-    axes: tuple[float, float]
-    """Deflections forward and to the left, -1 to 1."""
-    switch: bool = False
-    gripper: bool = False
-
-
-LET_GO = StickSample((0.0, 0.0))
+LET_GO = LiveInputs(enable=True)
+"""A stick at rest."""
 
 
 class Moment(NamedTuple):
@@ -44,19 +35,6 @@ class Moment(NamedTuple):
     """(3,) [m] in the world frame."""
     mode: str
     """Current mode of the stick."""
-
-
-class Stick(Protocol):
-    """A source of stick motion: a recording, or a simulated user."""
-
-    @property
-    def duration(self) -> float:
-        """[s] Longest time for which it moves."""
-        ...
-
-    def at(self, moment: Moment) -> StickSample | None:
-        """The stick's current sample; None after its last release."""
-        ...
 
 
 class StickRecording(NamedTuple):
@@ -77,13 +55,14 @@ class StickRecording(NamedTuple):
         """[s] until the last sample."""
         return float(self.time[-1])
 
-    def at(self, moment: Moment) -> StickSample | None:
+    def at(self, moment: Moment) -> LiveInputs | None:
         """The newest sample up to the current time."""
         if moment.time > self.duration + 1e-9:
             return None
         k = max(int(np.searchsorted(self.time, moment.time + 1e-9, side="right")) - 1, 0)
-        return StickSample(
-            (float(self.axes[k, 0]), float(self.axes[k, 1])), bool(self.switch[k]), bool(self.gripper[k])
+        forward, left = self.axes[k].tolist()
+        return LiveInputs(
+            enable=True, stick=(forward, left), switch=bool(self.switch[k]), gripper=bool(self.gripper[k])
         )
 
 

@@ -13,10 +13,9 @@ import numpy as np
 
 from rehab_opt.control.joystick import Joystick, StickMode
 from rehab_opt.session.ardis.problem import GoalSection
-from rehab_opt.session.ardis.stick import LET_GO, Moment, StickSample
+from rehab_opt.session.ardis.stick import LET_GO, Moment
+from rehab_opt.session.live.problem import LiveInputs
 from rehab_opt.session.outcome import Array
-
-__all__ = ["SimulatedUser"]
 
 RATE = 20.0  # [Hz] of the stick, which is held in between
 NEAR = 0.5  # fraction of a goal's tolerance at which the user is content
@@ -28,7 +27,7 @@ PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
 
 
 class SimulatedUser:
-    """A `Stick` moved by a simulated user; one user steers one controller once.
+    """A stick moved by a simulated user; one user steers one controller once.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ class SimulatedUser:
         self._closed, self._busy_until, self._pressed_until, self._button = False, BEGIN, 0.0, ""
         self._over = math.inf
 
-    def at(self, moment: Moment) -> StickSample | None:
+    def at(self, moment: Moment) -> LiveInputs | None:
         """The stick's current sample; None after the last goal, or after one that was not reached in time."""
         if moment.time > self._over or moment.time - self._begun > PATIENCE:
             return None
@@ -51,10 +50,10 @@ class SimulatedUser:
             self._next, self._sample = moment.time + 1 / RATE, self._decide(moment)
         return self._sample
 
-    def _decide(self, moment: Moment) -> StickSample:
+    def _decide(self, moment: Moment) -> LiveInputs:
         if moment.time < self._busy_until:
             down = self._button if moment.time < self._pressed_until else ""
-            return StickSample((0.0, 0.0), switch=down == "switch", gripper=down == "gripper")
+            return LET_GO._replace(switch=down == "switch", gripper=down == "gripper")
         while self.goals:
             goal = self.goals[0]
             error = np.array(goal.hand_m) - moment.hand
@@ -77,14 +76,14 @@ class SimulatedUser:
             size = math.hypot(forward, left)
             fraction = (self._dead + (1 - self._dead) * min(size, 1.0)) / size
             # In steps of a hundredth, as a recording of a stick.
-            return StickSample((round(fraction * forward, 2) + 0.0, round(fraction * left, 2) + 0.0))
+            return LET_GO._replace(stick=(round(fraction * forward, 2) + 0.0, round(fraction * left, 2) + 0.0))
         self._over = min(self._over, moment.time + BEGIN)
         return LET_GO
 
-    def _press(self, button: str, time: float) -> StickSample:
+    def _press(self, button: str, time: float) -> LiveInputs:
         """Release the stick and press a button."""
         self._button, self._pressed_until, self._busy_until = button, time + PRESS, time + PRESS + PAUSE
-        return StickSample((0.0, 0.0), switch=button == "switch", gripper=button == "gripper")
+        return LET_GO._replace(switch=button == "switch", gripper=button == "gripper")
 
 
 def _ways(error: Array, moment: Moment, mode: StickMode) -> Array:
