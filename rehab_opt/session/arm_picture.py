@@ -21,8 +21,6 @@ from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.report import write_figures
 
-__all__ = ["range_figure", "range_note", "stick_arm", "write_range_figures"]
-
 LOWER, UPPER, TRUNK = OKABE_ITO[1], OKABE_ITO[0], "#BBBBBB"
 SAME = 1e-9
 """[m] Frame origins closer than this count as one point."""

@@ -25,17 +25,6 @@ from rehab_opt.session.schema import Section, Side, Triple
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = [
-    "ClearPlaneSection",
-    "ClearanceSection",
-    "NearestBodies",
-    "clearance_key",
-    "clearance_of",
-    "nearest_bodies",
-    "planes_of",
-    "start_notes",
-]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 

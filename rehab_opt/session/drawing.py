@@ -25,40 +25,6 @@ if TYPE_CHECKING:  # loaded where a figure is made: reading a problem needs none
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
-__all__ = [
-    "ACROSS",
-    "BROAD",
-    "CLOSE_UP",
-    "COMMANDED",
-    "FORWARD",
-    "LAW_NAMES",
-    "LAW_STYLES",
-    "LIMIT",
-    "MISSED",
-    "MM",
-    "NARROW",
-    "OKABE_ITO",
-    "REFERENCE",
-    "THIN",
-    "TRUE",
-    "WIDE",
-    "Gaps",
-    "Panel",
-    "columns_figure",
-    "end_at",
-    "figure_over_time",
-    "fitted",
-    "framed",
-    "joint_figure",
-    "label_times",
-    "labelled_gaps",
-    "legend_below",
-    "mark_gaps",
-    "path_figure",
-    "servo_figure",
-    "styled",
-]
-
 
 Gaps: TypeAlias = Sequence[tuple[float, float]]
 """(from, to) [s] without samples."""

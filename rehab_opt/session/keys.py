@@ -12,8 +12,6 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel
 
-__all__ = ["Keys", "attribute_docstrings", "keys_of", "sections_within"]
-
 HIDDEN = ("system",)
 
 

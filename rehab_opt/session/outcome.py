@@ -19,22 +19,6 @@ from rehab_opt.session.trace import Trace, stacked
 if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
 
-__all__ = [
-    "Array",
-    "Names",
-    "Outcome",
-    "Progress",
-    "error_metrics",
-    "finite",
-    "joint_metrics",
-    "path_fractions",
-    "reason_counts",
-    "status_counts",
-    "time_metrics",
-    "turn_angles",
-    "with_progress",
-]
-
 T = TypeVar("T")
 Array = NDArray[np.float64]
 """Shape and unit stand in each docstring."""

@@ -22,23 +22,6 @@ if TYPE_CHECKING:
     from rehab_opt.plants.plant import Plant
     from rehab_opt.plants.wheelchair import Wheelchair
 
-__all__ = [
-    "KINDS",
-    "ChairPlant",
-    "HandPlant",
-    "JointPlant",
-    "Kind",
-    "PlantTable",
-    "Simulated",
-    "chair_plant",
-    "channel_of",
-    "device_of",
-    "joint_plant",
-    "ms",
-    "on_plant",
-    "plant_note",
-]
-
 P = TypeVar("P", bound=Problem)
 
 Simulated = Literal["ideal", "mujoco"]

@@ -41,6 +41,7 @@ from rehab_opt.session.live.bodies import BLUE, ArmBodies, kept_off, moving_rows
 from rehab_opt.session.live.problem import Following, LiveControl
 from rehab_opt.session.outcome import (
     Array,
+    Names,
     Outcome,
     error_metrics,
     joint_metrics,
@@ -53,13 +54,11 @@ from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.robot_file import RobotSection, robot_at_start
 from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
 from rehab_opt.session.schema import Problem, RecordedSection, Section, SolverName, Triple, refusal
-from rehab_opt.session.systems import Names, NotMet
+from rehab_opt.session.systems import NotMet
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["CircleSection", "PoseTracking", "PoseTrackingScene", "PoseTrackingSystem", "circle_reference", "tracker_of"]
 
 MAX_TICKS = 2_000_000
 

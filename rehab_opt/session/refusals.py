@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.session.schema import UNUSABLE_SOLVERS, USABLE
 
-__all__ = ["checked_solver", "refused_as", "solver_refusals"]
-
 
 @contextmanager
 def refused_as(

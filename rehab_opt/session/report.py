@@ -22,8 +22,6 @@ from rehab_opt.session.systems import system_named
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["CAPTIONS", "METRICS", "checked_folder", "free_folder", "write_figures", "write_report", "write_results"]
-
 METRICS = "metrics.json"
 CAPTIONS = "captions.md"
 FIGURE_FORMATS = ("png", "pdf")

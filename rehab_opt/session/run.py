@@ -17,8 +17,6 @@ from rehab_opt.session.refusals import checked_solver, solver_refusals
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.systems import SHIPPED, System, system_named, value_at
 
-__all__ = ["arms_of", "checked", "live_problem", "run_problem"]
-
 
 def run_problem(
     config: ProblemFile[Problem], *, progress: Progress = lambda *_: None, **options: str | None

@@ -18,13 +18,11 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import ORANGE, ArmBodies, joint_rows
 from rehab_opt.session.live.problem import LiveControl, LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Array, Outcome, Progress
+from rehab_opt.session.outcome import Array, Names, Outcome, Progress
 from rehab_opt.session.schema import Problem
 from rehab_opt.session.simulation import simulate
-from rehab_opt.session.systems import Names, System
+from rehab_opt.session.systems import System
 from rehab_opt.session.trace import Trace
-
-__all__ = ["Plot", "Scene", "SceneSystem", "arm_plots"]
 
 P = TypeVar("P", bound=Problem)
 S = TypeVar("S", bound="Scene")

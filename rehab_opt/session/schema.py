@@ -17,32 +17,6 @@ from pydantic_core import PydanticCustomError
 from rehab_opt.recordings.units import unused_keys
 from rehab_opt.text_file import brief
 
-__all__ = [
-    "FORMS",
-    "GONIOMETER",
-    "NAME",
-    "NAMED",
-    "TABLE",
-    "UNUSABLE_SOLVERS",
-    "USABLE",
-    "Decimal",
-    "Length",
-    "Once",
-    "PlacementSection",
-    "PlanarPlacement",
-    "Positive",
-    "Problem",
-    "RecordedSection",
-    "RecordingSection",
-    "Section",
-    "Separator",
-    "Side",
-    "SolverName",
-    "Triple",
-    "keys_of",
-    "refusal",
-]
-
 NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goniometer>")
 """Names of the forms that a key's value may have; pydantic reports these names in the location of an error."""
 

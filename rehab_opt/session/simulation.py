@@ -14,8 +14,6 @@ from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.session.live.problem import LiveControl, LiveInputs
 from rehab_opt.session.trace import Trace
 
-__all__ = ["relaxed_words", "simulate"]
-
 TICKS_A_REPORT = 100
 
 

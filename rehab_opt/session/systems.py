@@ -32,22 +32,6 @@ if TYPE_CHECKING:
     from rehab_opt.kinematics.chain import SerialChain
     from rehab_opt.session.live.problem import LiveProblem
 
-__all__ = [
-    "GROUP",
-    "ROBOT_FILE",
-    "SHIPPED",
-    "Names",
-    "Needed",
-    "NotMet",
-    "ProblemFile",
-    "System",
-    "Traced",
-    "needed_files",
-    "system_named",
-    "systems",
-    "value_at",
-]
-
 P = TypeVar("P", bound=Problem)
 P_co = TypeVar("P_co", bound=Problem, covariant=True)
 S = TypeVar("S", bound="Traced")

@@ -9,8 +9,6 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Numbers", "numbers_table"]
-
 Numbers = Mapping[str, Any]
 SMALL = 1e-3
 """Smaller numbers are written as `< 0.001`."""

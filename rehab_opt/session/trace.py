@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Trace", "stacked"]
-
 XYZ = ("x_m", "y_m", "z_m")
 
 

@@ -81,7 +81,7 @@ def test_every_robot_can_be_drawn_and_comes_to_rest_when_the_dead_man_is_release
 def test_a_person_is_helped_where_the_participant_points_and_let_go_with_the_dead_man() -> None:
     problem, control = begun("upper_limb/scenario_2_assist")
     outside = np.array([-0.22, 0.49])  # of the comfortable workspace, where the hand is weak
-    assert not problem.context.comfortable.contains(outside)
+    assert not problem.task.context.comfortable.contains(outside)
     led = LiveInputs(enable=True, target=(*outside.tolist(), 0.0))
     commands = ticks(control, led, 2500)
     sizes = [float(np.linalg.norm(each.value)) for each in commands]
@@ -109,7 +109,7 @@ def test_two_hands_are_led_each_in_its_own_workspace() -> None:
     ticks(control, LiveInputs(enable=True, helper=(*place.tolist(), 0.0)), 4000)
     shown = {key: np.atleast_1d(np.asarray(value, dtype=np.float64)) for key, value in control.shown().items()}
     assert {key: value.size for key, value in shown.items()} == dict(problem.layout)
-    frame, image = problem.frame(shown), problem.context.workspace_map.image(place)
+    frame, image = problem.frame(shown), problem.task.context.workspace_map.image(place)
     assert frame["handles"]["target"] == pytest.approx([*place.tolist(), 0.0], abs=0.02)
     assert frame["goal"] == pytest.approx([*image.tolist(), 0.0], abs=0.02)
     led = np.array(frame["handles"]["hand"][:2])

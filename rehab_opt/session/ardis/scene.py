@@ -26,10 +26,10 @@ from rehab_opt.session.clearance import NearestBodies, clearance_of, nearest_bod
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.bodies import BLUE, GREEN, GREY, PURPLE, ArmBodies, kept_off, screen
 from rehab_opt.session.live.problem import LiveInputs, LiveProblem
-from rehab_opt.session.outcome import Array, Outcome, reason_counts
+from rehab_opt.session.outcome import Array, Names, Outcome, reason_counts
 from rehab_opt.session.plant import chair_plant, plant_note
 from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
-from rehab_opt.session.systems import Names, NotMet
+from rehab_opt.session.systems import NotMet
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:

@@ -17,23 +17,6 @@ from rehab_opt.kinematics.link_capsules import LinkCapsule
 from rehab_opt.kinematics.room import Box, KeepOut
 from rehab_opt.session.outcome import Array
 
-__all__ = [
-    "BLUE",
-    "GREEN",
-    "GREY",
-    "ORANGE",
-    "PURPLE",
-    "RED",
-    "ROBOT",
-    "ArmBodies",
-    "joint_rows",
-    "kept_off",
-    "moving_rows",
-    "near_limit",
-    "screen",
-    "sides",
-]
-
 BLUE, ORANGE, GREEN, RED, AMBER, GREY, PURPLE, ROBOT = (
     "#0072b2", "#e69f00", "#2e9e6b", "#d1495b", "#e9b44c", "#8d99a6", "#9b5fc0", "#b9c4cf",
 )  # fmt: skip

@@ -14,9 +14,6 @@ from rehab_opt.control.command import Command
 from rehab_opt.plants.plant import Measurement, Plant
 from rehab_opt.session.outcome import Array
 
-__all__ = ["AT_REST", "DeviceAddress", "LiveControl", "LiveInputs", "LiveProblem", "Seen", "Watching"]
-
-
 Triple = tuple[float, float, float]
 
 NOWHERE = (math.nan, math.nan, math.nan)

@@ -28,9 +28,9 @@ from rehab_opt.session.mirror.metrics import astar_metrics, causes, driven, led_
 from rehab_opt.session.mirror.placing import reach_note
 from rehab_opt.session.mirror.problem import MirrorProblem
 from rehab_opt.session.mirror.scene import laid_out, path_notes
-from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.outcome import Names, Outcome, Progress
 from rehab_opt.session.plant import joint_plant, plant_note
-from rehab_opt.session.systems import Names, System
+from rehab_opt.session.systems import System
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ class LiveScenario(LiveProblem):
         if not able:
             expected = f"one of {', '.join(LIVE)} among them"
             raise ProblemFileError(task.config.file, "run.laws", problem.run.laws, expected)
-        self._task, self._law = task, able[0]
+        self.task, self._law = task, able[0]
         self.hands = 1 if self._law == "assisted" else 2
         self.title, self.dt = problem.title, 1 / problem.run.rate_hz
         self.names, self.force = ("x", "y"), 2
@@ -53,15 +53,15 @@ class LiveScenario(LiveProblem):
 
     def control(self, plant: Plant | None = None) -> LiveControl:
         """The controller "assisted", or else a pair, with the person and robot of the file's trials."""
-        task = self._task
+        task = self.task
         law, seed = law_of(self._law, task.context, solver=task.solver), task.problem.task.seed
         return Helping(law, task.scene, number=0, seed=seed, endless=True, plant=plant)
 
     @cached_property
     def _person(self) -> tuple[ArmBodies, ArmIK]:
         """The arm within the reachable workspace, in the robot's frame at height zero; and its posture limits."""
-        section = self._task.problem.arm
-        arm = arm_of(section.side, section.segments, section.reachable, file=self._task.config.file)
+        section = self.task.problem.arm
+        arm = arm_of(section.side, section.segments, section.reachable, file=self.task.config.file)
         place = placement_of(section).pose
         place[2, 3] = -section.plane_height_m
         arm = replace(arm, base=place @ arm.base)
@@ -69,7 +69,7 @@ class LiveScenario(LiveProblem):
 
     def scene(self) -> dict[str, Any]:
         """W_c, W_r, the reference, and the field's force on a hand at rest."""
-        context, said = self._task.context, self._task.problem.assistance
+        context, said = self.task.context, self.task.problem.assistance
         reference = _flat(context.reference)
         pair, holds = self.hands == 2, context.mode == "hold"
         shown = [] if context.demonstrated is None or not pair else [_flat(context.demonstrated).tolist()]
@@ -121,7 +121,7 @@ class LiveScenario(LiveProblem):
         ]
         second, goal = shown["desired"], {}
         if self.hands == 2:
-            workspace_map, along = self._task.context.workspace_map, shown["along"]
+            workspace_map, along = self.task.context.workspace_map, shown["along"]
             assert workspace_map is not None
             second, target = along[2:], [*along[:2].tolist(), 0.0]
             goal = {"goal": [*workspace_map.image(along[:2]).tolist(), 0.0]}

@@ -24,8 +24,6 @@ from rehab_opt.session.schema import (
     refusal,
 )
 
-__all__ = ["REACHES", "THERAPY", "RobotSection", "ScenarioProblem"]
-
 THERAPY: tuple[Mode, ...] = ("stretch", "assist", "resist")
 """Modes that leave the comfortable workspace for one goal; in the others a path is followed, or points are held."""
 REACHES: tuple[Mode, ...] = ("assist", "resist")

@@ -11,7 +11,7 @@ from rehab_opt.field.samples import HAND_SPEED
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.live.problem import LiveProblem
-from rehab_opt.session.outcome import Outcome, Progress
+from rehab_opt.session.outcome import Names, Outcome, Progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.plant import plant_note
 from rehab_opt.session.scenario.controllers import Task
@@ -24,7 +24,7 @@ from rehab_opt.session.scenario.pair import pair_measures
 from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.problem import REACHES, ScenarioProblem
 from rehab_opt.session.scenario.trials import Law
-from rehab_opt.session.systems import Names, System
+from rehab_opt.session.systems import System
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:

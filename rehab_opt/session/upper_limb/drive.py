@@ -15,8 +15,6 @@ from rehab_opt.session.outcome import Array
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
-__all__ = ["DT", "bounds_of_drive", "driven", "hand_and_tilt", "law_columns"]
-
 DT = 0.001  # duration of a drive's tick [s]
 OFF, OVER = 1e-4, math.radians(1e-3)
 """Largest deviation of the hand [m] and excess tilt of the handle [rad] between two postures."""

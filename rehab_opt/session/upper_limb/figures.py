@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["figures"]
-
 SEEN = 1.0  # smallest distance [mm] of the hand from its plane that the legend mentions
 
 

@@ -18,8 +18,6 @@ from rehab_opt.session.schema import (
     SolverName,
 )
 
-__all__ = ["OptimisedSection", "PublishedSection", "RunSection", "SmoothingSection", "UpperLimb"]
-
 Weight = Annotated[float, Field(ge=0)]
 PostureWeight = Annotated[
     Annotated[Weight, Tag(NAME)] | Annotated[dict[str, Weight], Tag(TABLE)],

@@ -22,6 +22,7 @@ from rehab_opt.session.arm_keys import ArmSection, ranges_by_name
 from rehab_opt.session.files import ProblemFile
 from rehab_opt.session.outcome import (
     Array,
+    Names,
     Outcome,
     Progress,
     error_metrics,
@@ -34,15 +35,13 @@ from rehab_opt.session.outcome import (
 from rehab_opt.session.participant import participant_arm, placed_recording
 from rehab_opt.session.refusals import refused_as
 from rehab_opt.session.schema import keys_of
-from rehab_opt.session.systems import Names, NotMet, System
+from rehab_opt.session.systems import NotMet, System
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.drive import DT, bounds_of_drive, driven, hand_and_tilt, law_columns
 from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, UpperLimb
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["LAWS", "FollowedPath", "UpperLimbSystem", "claimed", "verified"]
 
 Config = ProblemFile[UpperLimb]
 LAWS = ("optimised", "published")

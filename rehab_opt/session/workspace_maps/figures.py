@@ -20,8 +20,6 @@ from rehab_opt.session.workspace_maps.made import Direction, MadeMap
 from rehab_opt.session.workspaces.figures import draw_region, region_path, seen_from_above
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["figures"]
-
 GRID_LINES = 16
 """Number of grid lines across the longer side of a set."""
 ALONG_A_LINE = 60

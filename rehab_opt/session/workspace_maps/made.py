@@ -15,8 +15,6 @@ from rehab_opt.workspace.audit import Audit
 from rehab_opt.workspace.mapping import WorkspaceMap
 from rehab_opt.workspace.region import Workspace
 
-__all__ = ["ENDS", "Direction", "MadeMap", "MappedSet", "mapped_set"]
-
 End = Literal["source", "target"]
 ENDS: tuple[End, ...] = ("source", "target")
 

@@ -18,8 +18,6 @@ from rehab_opt.session.schema import (
     refusal,
 )
 
-__all__ = ["MapSection", "TrajectorySection", "WorkspaceMapProblem"]
-
 MAX_TRAJECTORIES = 12
 
 End = Literal["source", "target"]

@@ -12,9 +12,9 @@ import numpy as np
 from rehab_opt.measures.path import path_length
 from rehab_opt.recordings.recording import Recording, size_note
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Array, Outcome, Progress, finite, with_progress
+from rehab_opt.session.outcome import Array, Names, Outcome, Progress, finite, with_progress
 from rehab_opt.session.participant import placed_recording
-from rehab_opt.session.systems import Names, NotMet, System
+from rehab_opt.session.systems import NotMet, System
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.workspace_maps.made import ENDS, Direction, MadeMap, mapped_set
 from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
@@ -24,8 +24,6 @@ from rehab_opt.workspace.region import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["MappedSets", "WorkspaceMapSystem"]
 
 Config = ProblemFile[WorkspaceMapProblem]
 XY = ("x_m", "y_m")

@@ -22,18 +22,6 @@ from rehab_opt.session.workspaces.reached import handle_words, plane_words, ring
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume
 
-__all__ = [
-    "SET_STYLES",
-    "draw_region",
-    "draw_shoulder",
-    "figures",
-    "is_placed",
-    "region_label",
-    "region_path",
-    "seen_from_above",
-]
-
-
 SET_STYLES: Sequence[Mapping[str, Any]] = (
     {"facecolor": "#BBBBBB", "edgecolor": "#555555", "linestyle": "-"},
     {"facecolor": "#D55E00", "edgecolor": "#7A3600", "linestyle": "-", "hatch": "////"},

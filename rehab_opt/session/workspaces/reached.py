@@ -16,19 +16,6 @@ from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.reach import planar_workspace
 from rehab_opt.workspace.region import Workspace
 
-__all__ = [
-    "Reached",
-    "handle_words",
-    "placement_of",
-    "plane_of",
-    "plane_words",
-    "reached",
-    "rings",
-    "sets_of",
-    "tilt_of",
-    "tilt_words",
-]
-
 KEYS = {"height": "plane_height_m", "handle_tilt": "handle_tilt_deg", "accuracy": "accuracy_mm"}
 
 

@@ -11,10 +11,10 @@ from pydantic import Field, model_validator
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.arm_keys import AnyTilt, ArmInPlane, ArmOfRanges, RangeOfMotion, ranges_by_name
 from rehab_opt.session.files import ProblemFile
-from rehab_opt.session.outcome import Outcome, Progress, with_progress
+from rehab_opt.session.outcome import Names, Outcome, Progress, with_progress
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.schema import Once, Problem, Section, refusal
-from rehab_opt.session.systems import Names, System
+from rehab_opt.session.systems import System
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.workspaces.reached import (
     handle_words,
@@ -31,8 +31,6 @@ from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["ReachedSets", "WorkspaceProblem", "WorkspaceSystem", "plane_notes", "workspace_metrics"]
 
 
 class TiltsSection(Section):
