@@ -129,7 +129,7 @@ class PoseTracking(Problem):
 
     @model_validator(mode="after")
     def one_path_fits_into_memory(self) -> Self:
-        """Refuse a run of more than 2 million ticks, both paths, and no path."""
+        """Refuse a run of more than 2 million ticks, and both or neither of `[circle]` and `[path]`."""
         if (self.circle is None) == (self.path is None):
             raise refusal("circle", self.circle, "a table [circle] or a table [path], one of them")
         rate, duration = self.tracker.rate_hz, 0.0 if self.circle is None else self.circle.duration_s

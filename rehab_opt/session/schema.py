@@ -145,7 +145,7 @@ class RecordedSection(Section):
     count_mm: float | None = Field(default=None, gt=0, le=1000)
     """Length of one raw count in a `.svc`, or in a `.csv` or `.c3d` whose header has no units."""
     tick_ms: float | None = Field(default=None, gt=0, le=1000)
-    """Duration of one raw count of time in a `.svc`, or in a `.csv` or `.c3d` whose header has no units."""
+    """Duration of one raw count of time in a `.svc`, or in a `.csv` whose header has no units."""
     speed: float = Field(default=1.0, ge=0.01, le=10)
     """Playback speed; at 0.5 the movement takes twice as long."""
 

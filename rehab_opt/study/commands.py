@@ -79,7 +79,7 @@ def compare(
             summary.check_there(store, person)
         chosen = summary.quantity(store, measure)
         means = summary.session_means(store, [chosen], person)[chosen]
-    table = Table("group", "condition", "people", "mean (95 % interval)", "change a session (95 % interval)")
+    table = Table("group", "condition", "people", "mean (95 % interval)", "change per session (95 % interval)")
     by = summary.grouped(means, lambda each: (each.group or "-", each.condition or "-"))
     for (group, condition), part in by.items():
         over, change = (summary.interval([*each(part).values()]) for each in (summary.of_people, summary.slopes))

@@ -228,7 +228,7 @@ def _charts(means: Means, *, single: bool) -> dict[str, Any]:
             picture = progress_figure(points, middles, labels)
             said = ", ".join(filter(None, (unit, better)))
             charts.append({"title": _title(measure), "better": said, "picture": picture})
-    along = "sessions, counted from 1" if weeks is None else "weeks from their first day"
+    along = "number of the person's session" if weeks is None else "weeks since the person's first session"
     keys = [] if names == ["all"] else [*zip(drawn, COLOURS, strict=False)]
     return {"charts": charts, "keys": keys, "hidden": names[len(COLOURS) :], "along": "" if single else along}
 
@@ -272,8 +272,8 @@ def _ground(study: Study, person: str | None) -> Iterator[dict[str, str]]:
             for i in (1, 0)
             for hulls in of[:MAX_OUTLINED]
         ]
-        caption = f"{_count(len(of), 'person')}: {sizes[0]} cm² at first, {sizes[1]} cm² at last; the middle of each "
-        caption += f"person's first outline is at 0, 0; {MAX_OUTLINED} people are drawn at most"
+        caption = f"{_count(len(of), 'person')}: {sizes[0]} cm² at first, {sizes[1]} cm² at last; the centre of each "
+        caption += f"person's first outline is at 0, 0; at most {MAX_OUTLINED} people are drawn"
         yield {"title": group, "picture": outline_figure(shapes), "caption": caption}
 
 
@@ -290,7 +290,7 @@ def _trends(means: Means) -> dict[str, Any]:
             over, change = (interval([*each(part).values()]) for each in (summary.of_people, summary.slopes))
             rows.append([title, group, name, over.n, _said(_possible(over, measure), factor), _said(change, factor)])
             title = ""
-    return _table("measure, group, condition, people, mean (95 % interval), change a session (95 % interval)", rows)
+    return _table("measure, group, condition, people, mean (95 % interval), change per session (95 % interval)", rows)
 
 
 def _contrasts(means: Means) -> dict[str, Any]:
@@ -302,7 +302,7 @@ def _contrasts(means: Means) -> dict[str, Any]:
             both = own[first].keys() & own[second].keys()
             if both:
                 less = interval([own[second][person] - own[first][person] for person in sorted(both)])
-                difference = f"{second} less {first}"
+                difference = f"{second} minus {first}"
                 rows.append([_title(measure, unit=True), difference, less.n, _said(less, _scale(measure)[0])])
     return _table("measure, difference, people, mean (95 % interval)", rows)
 
@@ -363,10 +363,10 @@ def _bounds(study: Study, person: str | None) -> dict[str, Any]:
         for (text, unit), of in sorted(kinds.items(), key=lambda item: -len(item[1]))
     ]
     every = [[*of[:5], f"{_number(of[5])} {of[6]}"][0 if person is None else 1 :] for of in found]
-    head = "person, session, day, trial, what, how often"
+    head = "person, session, day, trial, event, count"
     return {
-        "bounds": _table("what, nearest to its bound, bound, of the bound, trials that passed it", nearest),
-        "kinds": _table("what, trials, people, most in one trial", counted),
+        "bounds": _table("quantity, closest value, bound, value / bound, trials beyond the bound", nearest),
+        "kinds": _table("event, trials, people, largest count in a trial", counted),
         "events": _table(head if person is None else head.removeprefix("person, "), every),
     }
 
