@@ -210,7 +210,7 @@ class SharedRing:
         return SharedRing.attach, (self.name,)
 
     def _slot_of(self, number: int) -> Newest | None:
-        """The record of this number; None if the record is incomplete or overwritten."""
+        """The record with this number; None if the record is incomplete or overwritten."""
         begin = self._begin + (number % self.depth) * self._slot
         copied = bytes(self._buffer[begin : begin + _SLOT.size + self.layout.itemsize])
         found, when, check = _SLOT.unpack_from(copied)

@@ -75,7 +75,7 @@ class CircleSection(Section):
     turns: float = Field(default=1.0, gt=0, le=100)
     """Number of turns."""
     duration_s: float = Field(gt=0, le=600)
-    """Duration of all turns together."""
+    """Duration of the whole motion, from rest to rest."""
     swing_deg: float = Field(default=0.0, ge=0, le=90)
     """Largest rotation of the tool about the tool's z axis."""
 

@@ -1,6 +1,6 @@
 """Base classes of problems with a robot in a closed loop.
 
-A kind of problem is a `SceneSystem` and a `Scene`. The scene builds robot and controller, gives the inputs of each
+A `SceneSystem` and a `Scene` define a kind of problem. The scene builds robot and controller, gives the inputs of each
 tick, and computes metrics and notes from a trace; the system draws figures from traces.
 """
 

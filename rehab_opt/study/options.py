@@ -34,7 +34,7 @@ COVARIATES = ("group", "condition", "visit", "date")
 
 @dataclass(frozen=True)
 class Destination:
-    """Where a command stores its trials: the study's folder, the session, and the condition of the trials."""
+    """Place where a command stores its trials: the study's folder, the session, and the condition of the trials."""
 
     folder: Path
     session: Session
@@ -57,7 +57,7 @@ class Destination:
 def destination(
     study: Path | None, person: str | None, session: str | None, covariate: Sequence[str] | None
 ) -> Destination | None:
-    """Where to store the trials, checked before any computation; None without a study.
+    """Place where a command will store its trials, checked before any computation; None without a study.
 
     Raises
     ------

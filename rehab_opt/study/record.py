@@ -32,7 +32,7 @@ UNITS = {
     "m": "m", "m2": "m^2", "m3": "m^3", "m_s": "m/s", "mm": "mm", "deg": "deg", "deg_s": "deg/s", "rad": "rad",
     "s": "s", "ms": "ms", "N": "N", "N_s": "N/s", "J": "J",
 }  # fmt: skip
-"""Units by the last part of a key in metrics.json."""
+"""Unit of a number in metrics.json, by the last part of the number's key."""
 _UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
 COUNTED = {"status": "ticks", "reasons": "ticks", "relaxed": "ticks", "status_fraction": "% of ticks"}
 """Keys of metrics.json whose tables count events, with the unit of the count."""

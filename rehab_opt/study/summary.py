@@ -194,7 +194,7 @@ def _of_person(person: str | None) -> tuple[str, tuple[str, ...]]:
 
 
 def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> dict[T, list[SessionMean]]:
-    """Session means grouped by `key`, with the keys in order."""
+    """Session means grouped and sorted by `key`."""
     found: dict[T, list[SessionMean]] = defaultdict(list)
     for each in means:
         found[key(each)].append(each)
@@ -217,7 +217,7 @@ def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, largest: bool, person: str | None) -> Any:
-    """Finished trial with the largest or smallest value of a measure within `ends`; None if there is none.
+    """Finished trial with the largest or smallest value of a measure within `ends`; None without such a trial.
 
     The row has person, session, day, number of the trial, condition and value.
     """
