@@ -54,6 +54,7 @@ def smooth_path(
     upper: ArrayLike | None = None,
     dt: float = 0.001,
     tolerance: float = 1e-4,
+    measured: bool = True,
 ) -> SmoothPath:
     """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
 
@@ -67,7 +68,9 @@ def smooth_path(
     velocity, acceleration, jerk : (n,) bounds of the axes [u/s, u/s^2, u/s^3 with u = rad or m], positive and finite; a
         scalar applies to all axes.
     lower, upper : (n,) position bounds [u]; None or infinite for none.
-    tolerance : [u] largest deviation of an axis from the path, above the recording's noise.
+    tolerance : [u] largest deviation of an axis from the path.
+    measured : whether the points are samples of a tracker. A planned path (False) is passed as it is; so is one of at
+        most 40 points that are neither held nor rounded.
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -76,7 +79,8 @@ def smooth_path(
         raise ConfigurationError("times", times, "at least two finite, increasing times (N,)")
     if x.ndim != 2 or len(x) != len(t) or not np.all(np.isfinite(x)):
         raise ConfigurationError("points", points, f"finite numbers of shape ({t.size}, n)")
-    begun, (t, x, _) = t[0], measured_path(t - t[0], x)  # seconds since 1970 leave no digits for a third difference
+    begun, t = t[0], t - t[0]  # seconds since 1970 leave no digits for a third difference
+    t, x, _ = measured_path(t, x) if measured else (t, x, ())
     dt = checked_number("dt", dt, above=SHORTEST_TICK, below=1e6)
     tolerance, n = checked_number("tolerance", tolerance, above=0.0), x.shape[1]
     bounds = axis_bounds(lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk, axes=n)

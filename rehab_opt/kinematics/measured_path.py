@@ -1,8 +1,9 @@
-"""The smooth path of a hand from samples of a tracker that are repeated or rounded.
+"""The smooth path of a hand from samples of a tracker that are repeated, rounded or noisy.
 
-A sample that a tracker repeats until the next one looks like a stop and a jump, and rounding looks like small jumps.
-Both have third differences a thousand times those of a hand. Repeated samples are dropped. A rounded path is replaced
-by the path of least jerk near its samples (Whittaker 1923, with third divided differences).
+A sample that a tracker repeats until the next one looks like a stop and a jump. Rounding, stamps that jitter, and a
+tracker faster than its logger look like small jumps. All have third differences a thousand times those of a hand.
+Repeated samples are dropped. A rounded or noisy path is replaced by the path of least jerk near its samples (Whittaker
+1923, with third divided differences).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 __all__ = ["MeasuredPath", "measured_path"]
@@ -31,9 +33,18 @@ FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
 nonzero third differences, and if percentile `MANY` of these is at most `SMALL` steps. The path stays within `NEAR`
 steps of its samples."""
 EXACT, FINEST = 1e-3, 1e-5
-"""Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value."""
-STIFFER, BESIDE, PASSES = 3.0, 9, 80
-"""Factor on the weight of samples outside the band, number of neighbours that get it, too, and largest number of
+"""Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value, and
+smallest noise, as a fraction of the range."""
+NOISY, WHITE, BAND = (4, 6), 0.5, 4.0
+"""Orders of the differences that show noise; their least ratio: it is 1 for white noise, and below 1/2 for motion slower
+than a quarter of the sampling rate. Standard deviations within which the path stays."""
+TWICE = 1.6, 2.7
+"""Ratio of a step's speed to the mean of those beside it, if a sample between was lost."""
+AROUND, OFTEN_SEEN, DEVIATIONS = 41, 80, 1.2816
+"""Number of samples that show the noise of the middle one; their percentile, since a few corners are no noise, and its
+value for the normal distribution."""
+STIFFER, STIFFEST, BESIDE, PASSES = 3.0, 1e9, 9, 80
+"""Factor on the weight of samples outside the band, largest weight, number of neighbours that get it, largest number of
 passes."""
 
 
@@ -49,7 +60,7 @@ class MeasuredPath(NamedTuple):
 
 
 def measured_path(times: Array, points: Array) -> MeasuredPath:
-    """Path behind points (N, n) at times (N,) [s]; unchanged if no sample was held, repeated or rounded.
+    """Path behind points (N, n) at times (N,) [s]; unchanged if no sample was held, repeated, rounded or noisy.
 
     The first and last points, and pauses of more than 0.2 s, stay.
     """
@@ -70,12 +81,23 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
     stood = np.append(times[begins[1:]], times[-1]) - times[begins]
     again = (stood <= HELD) & (lengths <= usual + OFTEN) & (far[1:] | far[:-1])
     rows = rows[(since == 0)[rows] | ~np.repeat(again, lengths)[rows]]
-    clock, moved = _clock(times, rows, points[rows]), points[rows]
+    moved = points[rows]
+    clock = _clock(times, rows, moved)
+    if len(rows) == len(times) and (faster := _faster(clock, moved)) is not clock:
+        clock = faster
+        notes.append("the tracker is faster than its logger: its own times are used")
+    noise = np.where(rounded, 0.0, _noise(clock, moved))
     if rounded.any():
         notes.append(
             f"positions rounded to {steps.max():.3g} m or rad: the path is the smoothest within {NEAR:g} of that"
         )
-        moved[:, rounded] = _least_jerk(clock, moved[:, rounded], NEAR * steps[rounded])
+    if noise.any():
+        notes.append(
+            f"noise or jitter of up to {noise.max():.2g} m or rad: the path is the smoothest within {BAND:g} of it"
+        )
+    uneven = rounded | noise.any(axis=0)
+    if uneven.any():
+        moved[:, uneven] = _least_jerk(clock, moved[:, uneven], np.maximum(BAND * noise, NEAR * steps)[:, uneven])
     if len(rows) < len(times):
         from scipy.interpolate import CubicSpline  # noqa: PLC0415  (loaded when used)
 
@@ -92,6 +114,23 @@ def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
         return own
     even = np.interp(even, np.arange(len(times)), times)
     return even if _unsteady(even, points) < _unsteady(own, points) else own
+
+
+def _faster(times: Array, points: Array) -> Array:
+    """Times (N,) of a tracker faster than its logger, of whose samples some are lost unseen, if they fit better.
+
+    A step that is twice as fast as those beside it took two samples. The first and the last time stay.
+    """
+    if len(times) < AROUND:
+        return times
+    speeds = np.diff(points, axis=0) / np.diff(times)[:, None]
+    beside = (
+        np.pad(speeds[:-1], ((1, 0), (0, 0)), mode="edge") + np.pad(speeds[1:], ((0, 1), (0, 0)), mode="edge")
+    ) / 2
+    ratio = (speeds * beside).sum(axis=1) / np.maximum((beside**2).sum(axis=1), 1e-30)
+    passed = np.append(0.0, np.cumsum(np.diff(times) * (1 + ((ratio > TWICE[0]) & (ratio < TWICE[1])))))
+    other = times[0] + passed * (times[-1] - times[0]) / passed[-1]
+    return other if 2.0 * _unsteady(other, points) < _unsteady(times, points) else times
 
 
 def _averaged(counts: Array) -> Array:
@@ -143,8 +182,30 @@ def _off(ways: Array, step: float) -> bool:
     return bool(np.abs(ways / step - np.rint(ways / step)).max() > 0.1)
 
 
+def _noise(times: Array, points: Array) -> Array:
+    """(N, n) standard deviation of the noise of points (N, n), 0 where there is none of importance.
+
+    It is the size of their divided differences, scaled to be that of a sample if the noise is white.
+    """
+    from scipy.ndimage import maximum_filter1d, percentile_filter  # noqa: PLC0415  (loaded when used)
+
+    if len(times) < AROUND:
+        return np.zeros(points.shape)
+    sizes = []
+    for order in NOISY:
+        apart = sliding_window_view(times, order + 1)
+        factors = (apart[:, :, None] - apart[:, None, :]) * order / (apart[:, -1:] - apart[:, :1])[:, :, None]
+        weights = 1.0 / (factors + np.eye(order + 1)).prod(axis=2)
+        weights /= np.linalg.norm(weights, axis=1)[:, None]
+        size = np.abs(np.einsum("ij,inj->in", weights, sliding_window_view(points, order + 1, axis=0)))
+        size = np.pad(size, ((order // 2, order // 2), (0, 0)), mode="edge")
+        sizes.append(percentile_filter(size, OFTEN_SEEN, size=(AROUND, 1), mode="nearest") / DEVIATIONS)
+    found = maximum_filter1d(np.where(sizes[1] > WHITE * sizes[0], sizes[1], 0.0), AROUND, axis=0)
+    return np.where(found.max(axis=0) > FINEST * np.ptp(points, axis=0), found, 0.0)
+
+
 def _least_jerk(times: Array, points: Array, band: Array) -> Array:
-    """(N, n) path within `band` (n,) of points (N, n), with nearly the least sum of squared third differences."""
+    """(N, n) path within `band` (N, n) of points (N, n), with nearly the least sum of squared third differences."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415  (loaded when used)
     from scipy.sparse import diags, identity  # noqa: PLC0415
 
@@ -161,4 +222,5 @@ def _least_jerk(times: Array, points: Array, band: Array) -> Array:
         if not far.any():
             break
         close[np.convolve(far, np.ones(BESIDE), "same") > 0] *= STIFFER
+        close = np.minimum(close, STIFFEST)
     return np.where(np.abs(path - points) > band, points, path)

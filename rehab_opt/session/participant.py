@@ -161,7 +161,7 @@ def placed_recording(
 
 
 def _as_moved(recording: Recording) -> Recording:
-    """The motion of the hand, reconstructed from samples that were held, repeated or rounded."""
+    """The motion of the hand, reconstructed from samples that were held, rounded or noisy."""
     time, points, notes = measured_path(recording.time, recording.points)
     if not notes:
         return recording

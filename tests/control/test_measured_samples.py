@@ -1,5 +1,7 @@
 """Held, repeated and rounded samples, and those stamped since 1970, do not change how long a drive takes for a path."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -52,6 +54,48 @@ def test_samples_held_and_rounded_are_passed_in_the_hands_own_time(kind, step, s
     true = np.column_stack([np.interp(found.phase, row / RATE, axis) for axis in hand(row / RATE, seed).T])
     moves = np.abs(np.diff(hand(row / RATE, seed), axis=0)).max()
     assert np.abs(found.positions - true).max() < 0.8 * step + 2.5 * moves  # two rows twice are two samples late
+
+
+def lissajous(time, seed):
+    """Curves, and reaches of least jerk from rest to rest, which the rule was not set by."""
+    rng = np.random.default_rng(seed)
+    turns, part = rng.uniform(1.0, 2.5, 3), np.clip(time / 1.3 % 2, 0, 1)
+    reach = part**3 * (10 + part * (6 * part - 15)) + np.floor(time / 2.6)
+    wave = 0.15 * np.sin(turns * time[:, None] + rng.uniform(0, 6, 3))
+    return 0.1 * rng.normal(size=3) * reach[:, None] if seed % 2 else wave
+
+
+@pytest.mark.parametrize("seed", range(20, 26))
+@pytest.mark.parametrize(("hz", "tracker"), [(100, 120), (100, 104), (250, 300), (60, 72), (72, 90), (125, 200)])
+def test_a_tracker_faster_than_its_logger_leaves_the_time_as_it_is(hz, tracker, seed):
+    row = np.arange(int(3.7 * hz))
+    _, seconds = passage(row / hz, lissajous(row / hz, seed))
+    _, other = passage(row / hz, lissajous(np.floor(row * tracker / hz + 1e-9) / tracker, seed))
+    assert other == pytest.approx(seconds, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(30, 36))
+@pytest.mark.parametrize(("hz", "part", "noise"), [(60, 0.03, 0), (128, 0.03, 0), (128, 0.1, 0), (200, 0, 2e-4)])
+def test_jitter_and_noise_leave_the_time_as_it_is(hz, part, noise, seed):
+    rng, row = np.random.default_rng(seed), np.arange(int(3.7 * hz))
+    _, seconds = passage(row / hz, lissajous(row / hz, seed))
+    off = rng.uniform(-part, part, len(row))
+    for stamps, samples in ((row + off, row), (row, row + off)):
+        points = lissajous(samples / hz, seed) + noise * rng.normal(size=(len(row), 3))
+        found, other = passage(stamps / hz, points)
+        assert other == pytest.approx(seconds, rel=0.05)
+        assert np.abs(found.positions - lissajous(found.phase, seed)).max() < 1e-4 + 1.2 * part / hz + 5 * noise
+
+
+def test_corners_of_a_planned_path_are_no_noise():
+    corners = np.array([[0, 0], [0.2, 0.05], [0.1, 0.3], [0.4, 0.2], [0.3, 0.0]])
+    points = np.vstack([np.linspace(a, b, 20, endpoint=False) for a, b in pairwise(corners)])
+    for measured in (True, False):
+        found, _ = passage(np.arange(80) / 20, points, measured=measured)
+        assert np.abs(found.positions - np.clip(found.positions, 0, 0.4)).max() < 1e-9
+        assert max(np.abs(found.positions - corner).max(axis=1).min() for corner in corners[:-1]) < 2e-3
+    noisy = points + 1e-3 * np.random.default_rng(3).normal(size=points.shape)
+    assert passage(np.arange(80) / 20, noisy, measured=False)[0].deviation.max() <= 1e-4
 
 
 @pytest.mark.parametrize("seed", range(3))

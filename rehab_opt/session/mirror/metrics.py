@@ -108,6 +108,7 @@ def _passed(
         lower=np.append(robot.lower, -FREE),
         upper=np.append(robot.upper, FREE),
         dt=DT,
+        measured=False,
     )
     return found.times[::EVERY], found.positions[::EVERY, :-1], found.phase[::EVERY]
 

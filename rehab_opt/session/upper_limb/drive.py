@@ -73,8 +73,9 @@ def driven(
     _drive_deviation (n,) : joint deviation as in `SmoothPath`.
     """
     found = smooth_path(
-        *_with_between(chain, q, times, handle_tilt), **bounds, dt=DT, lower=chain.lower, upper=chain.upper
-    )
+        *_with_between(chain, q, times, handle_tilt), **bounds, dt=DT, lower=chain.lower, upper=chain.upper,
+        measured=False,
+    )  # fmt: skip
     hand, tilt = hand_and_tilt(chain, found.positions)
     asked = np.column_stack([np.interp(found.phase, times, column) for column in path.T])
     begins = np.searchsorted(found.phase, np.append(times[0], (times[1:] + times[:-1]) / 2))
