@@ -35,7 +35,7 @@ from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.plausible import checked_length
+from rehab_opt.kinematics.plausible import check_speeds, checked_length
 from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.symbolic import BufferedFunction, Compile
@@ -158,7 +158,9 @@ class MirrorTracker(MirrorPreview):
                 backup=options.get("backup"),
                 compile=compile,
             )
-        self._interaction = Interaction() if interaction is None else interaction
+        self._interaction = given = Interaction() if interaction is None else interaction
+        checked_length("interaction.max_offset", given.max_offset, self.chain)
+        check_speeds(self.chain, linear=given.speed, argument="interaction.speed")
         self._memory = np.zeros(REMEMBERED.size)
         self._remembered = self._memory.data  # memory view: twice as fast as numpy
         self._felt, self._held = (self._memory[REMEMBERED.places[name]] for name in ("felt", "held"))

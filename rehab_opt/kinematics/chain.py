@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body
-from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS, checked_rows
+from rehab_opt.kinematics.denavit_hartenberg import SIX_TURNS, TWO_TURNS, checked_rows
 from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import checked_array
@@ -25,12 +25,13 @@ from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_argum
 from rehab_opt.symbolic.matrices import determinant
 from rehab_opt.symbolic.shared import HasEvaluator, PerThread
 
-__all__ = ["SerialChain", "per_joint"]
+__all__ = ["SerialChain", "per_joint", "turning_speeds"]
 
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
-LONG_TOOL, LONGEST = 2.0, 1e6
-"""Longest tool, as a multiple of the arm's length; [m] length assumed for prismatic joints without limits."""
+LONG_TOOL, FAR_BASE, LONGEST = 2.0, 10.0, 1e6
+"""Longest tool and shape of a link, as a multiple of the arm's length, but at least of 1 m; farthest base, as a multiple
+of that; [m] length assumed for prismatic joints without limits."""
 MAX_WRITTEN = 64
 """Largest number of cached expressions."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
@@ -128,10 +129,13 @@ class SerialChain(HasEvaluator):
             raise ConfigurationError("effort", self.effort, "positive numbers (infinite if unknown)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
-        lengths, size = _lengths(rows, lower, upper), float(np.linalg.norm(tool[:3, 3]))
-        if not size <= max(LONG_TOOL * lengths, LONG_TOOL):
-            expected = f"a tool of at most {max(LONG_TOOL * lengths, LONG_TOOL):.3g} m on this arm: is it in metres?"
-            raise ConfigurationError("tool", f"{size:.6g} m long", expected)
+        capsules, most = checked_capsules(self.capsules, n + 2), LONG_TOOL * max(_lengths(rows, lower, upper), 1.0)
+        sizes = {"tool": (tool[:3, 3], most), "base": (base[:3, 3], FAR_BASE * most)}
+        sizes |= {f"capsules, {each.name}": ([*each.start, *each.end, each.radius], most) for each in capsules}
+        for argument, (numbers, longest) in sizes.items():
+            if not (size := float(np.linalg.norm(numbers))) <= longest:
+                expected = f"at most {longest:.3g} m on this arm: is it in metres?"
+                raise ConfigurationError(argument, f"{size:.6g} m long", expected)
         checked = {
             "rows": rows,
             "names": names,
@@ -141,7 +145,7 @@ class SerialChain(HasEvaluator):
             "acceleration": acceleration,
             "base": base,
             "tool": tool,
-            "capsules": checked_capsules(self.capsules, n + 2),
+            "capsules": capsules,
             "bodies": tuple(self.bodies),
             "effort": effort,
             "notes": (*self.notes, *(note for note in (base_note, tool_note) if note)),
@@ -370,6 +374,14 @@ def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
         math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)
     )
     return min(total, LONGEST)
+
+
+def turning_speeds(velocity: ArrayLike, n: int) -> Array:
+    """(n,) [rad/s] speeds of a known arm's joints; raises `ConfigurationError` for degrees a second."""
+    speeds = per_joint("velocity", velocity, n)
+    if np.any(speeds > SIX_TURNS):
+        raise ConfigurationError("velocity", velocity, f"at most {SIX_TURNS:.3g}: is it in rad/s?")
+    return speeds
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:

@@ -11,10 +11,13 @@ import casadi as ca
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.link import ChainRow, Link
 
-__all__ = ["DH", "TWO_TURNS", "checked_rows", "exact"]
+__all__ = ["DH", "SIX_TURNS", "TWO_TURNS", "checked_rows", "exact"]
 
 TWO_TURNS = 4 * math.pi
 """[rad] Largest accepted angle; a larger one is in degrees, or a limit that means none. No joint turns more in 1 s."""
+
+SIX_TURNS = 3 * TWO_TURNS
+"""[rad/s] A larger speed is in degrees a second; no person and no arm with a maker's limits turns faster."""
 
 
 class DH(NamedTuple):

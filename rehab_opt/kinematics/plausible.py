@@ -7,7 +7,6 @@ wide: the robot cannot move as a rejected value says.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import casadi as ca
@@ -15,10 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS
+from rehab_opt.kinematics.chain import LONGEST, SerialChain, per_joint
+from rehab_opt.kinematics.denavit_hartenberg import SIX_TURNS, TWO_TURNS
+from rehab_opt.kinematics.room import MOVING
 
-__all__ = ["ROOM", "check_speeds", "checked_length", "checked_posture", "farthest", "fastest", "implausible"]
+__all__ = [
+    "ROOM", "check_speeds", "checked_length", "checked_posture", "farthest", "fastest",
+    "implausible",
+]  # fmt: skip
 
 LINEAR = ("x", "y", "z")
 
@@ -26,11 +29,13 @@ ROOM = 20.0
 """[m] largest coordinate of a hand if no robot is known."""
 FAR, NEAR = 10.0, 1.0
 """Largest accepted length: `FAR` times the robot's reach, but at least `NEAR` [m]."""
-FAST, WHIRL = 10.0, 12.0 * math.pi
+FAST, WHIRL = 10.0, SIX_TURNS
 """[m/s, rad/s] Largest accepted hand speeds, unless the robot's joints are faster."""
 BEYOND = 3.0
 """Ratio of a reference's speed to the fastest hand motion, beyond which the reference is invalid; up to this ratio the
 reference is slowed down."""
+SIGHT = 100.0
+"""[m] Farthest moving body."""
 
 
 def farthest(chain: SerialChain) -> float:
@@ -47,11 +52,12 @@ def fastest(chain: SerialChain) -> tuple[float, float]:
 
 
 def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.SX], rows: Sequence[str]) -> ca.SX:
-    """Two flags: whether a pose (16,), row by row, is too far away, and whether a twist (k,) is too fast.
+    """Two flags: whether a pose (16,), row by row, is too far away, and whether a twist (k,) or a body is too large.
 
     Parameters
     ----------
-    names : input symbols; those called `pose` and `twist` are checked. values : the values of all inputs.
+    names : input symbols; those called `pose`, `twist` and, for an arm on a fixed base, `obstacles` (k capsules of
+        `MOVING` numbers) are checked. values : the values of all inputs.
     rows : names of the twist's components.
     """
     named = {each[0].name().rsplit("_", 1)[0]: value for each, value in zip(names, values, strict=True)}
@@ -61,6 +67,11 @@ def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.
     if "twist" in named:
         most = ca.DM([BEYOND * (linear if row in LINEAR else angular) for row in rows])
         fast = ca.mmax(ca.fabs(named["twist"]) / most) > 1
+    if "obstacles" in named and farthest(chain) < LONGEST:
+        bodies = ca.reshape(named["obstacles"], MOVING, -1)
+        most = ca.DM([SIGHT] * 6 + [BEYOND * linear] * 6 + [farthest(chain)])
+        larger = ca.fabs(bodies[:-1, :]) > ca.repmat(most, 1, bodies.shape[1])
+        fast = ca.logic_or(fast, ca.sum2(ca.sum1(larger) * (bodies[-1, :] != 0)) > 0)
     return ca.vertcat(far, fast)
 
 
@@ -72,14 +83,14 @@ def checked_length(argument: str, value: float, chain: SerialChain) -> float:
     return value
 
 
-def check_speeds(chain: SerialChain, *, linear: float, angular: float) -> None:
+def check_speeds(chain: SerialChain, *, linear: float, angular: float = 0.0, argument: str = "linear_speed") -> None:
     """Raise `ConfigurationError` for speed limits [m/s, rad/s] beyond what the chain's hand can do."""
-    for argument, value, most, unit in zip(
-        ("linear_speed", "angular_speed"), (linear, angular), fastest(chain), ("m/s", "rad/s"), strict=True
+    for name, value, most, unit in zip(
+        (argument, "angular_speed"), (linear, angular), fastest(chain), ("m/s", "rad/s"), strict=True
     ):
         if not value <= most:
             expected = f"at most {most:.3g} {unit}, beyond what this arm can do: is it in {unit}?"
-            raise ConfigurationError(argument, value, expected)
+            raise ConfigurationError(name, value, expected)
 
 
 def checked_posture(argument: str, values: ArrayLike | None, chain: SerialChain) -> NDArray[np.float64] | None:

@@ -12,7 +12,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.tables import MISSING
 from rehab_opt.recordings.units import Reading, place_of
-from rehab_opt.text_file import FARTHEST, LATEST, finite_number, header_cells, number_in, shown, text_lines
+from rehab_opt.text_file import LATEST, finite_number, header_cells, number_in, shown, text_lines
 
 __all__ = ["marker_place", "read_trc"]
 
@@ -61,7 +61,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
         cells = [
             math.nan
             if cell.lower() in MISSING
-            else finite_number(cell, name=name, line=number, column=f"{how.marker} {axis}", most=FARTHEST / unit)
+            else finite_number(cell, name=name, line=number, column=f"{how.marker} {axis}")
             for cell, axis in zip(row[place : place + 3], "XYZ", strict=True)
         ]
         table.append([time, *cells])

@@ -12,7 +12,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.tables import MISSING, numbers_below
 from rehab_opt.recordings.units import Reading, place_of
-from rehab_opt.text_file import FARTHEST, LATEST, MAX_PROBLEM_SIZE, header_cells, shown, text_lines, whole_text
+from rehab_opt.text_file import LATEST, MAX_PROBLEM_SIZE, header_cells, shown, text_lines, whole_text
 
 __all__ = ["MOTION", "REQUIRED", "read_motion"]
 
@@ -45,7 +45,7 @@ def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
         for i in some
     }
     wanted = [*times, *places, *joints]
-    most = {i: LATEST / scale[i] for i in times} | {i: FARTHEST / scale[i] for i in places}
+    most = {i: LATEST / scale[i] for i in times}
     names = [str(i) for i in range(len(channels))]
     rows = numbers_below(
         text_lines(path, name), names, [names[i] for i in wanted], {names[i]: most[i] for i in most}, name=name,

@@ -11,7 +11,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.tables import MISSING, check_once, numbers_below
 from rehab_opt.recordings.units import Reading, place_of
-from rehab_opt.text_file import FARTHEST, LATEST, brief, header_cells, number_in, shown, text_lines
+from rehab_opt.text_file import LATEST, brief, header_cells, number_in, shown, text_lines
 
 __all__ = ["read_opensim"]
 
@@ -70,10 +70,10 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
         angles = [cell for cell in angles if cell.endswith("/value")]
     known, note = _angles(facts.get("indegrees"), title, how, needed=not columns, name=name)
     joints = angles if known else []
-    wanted = ["time", *columns, *joints, *(sorted(lengths - {*columns}) if known else ())]
+    wanted = ["time", *columns, *joints]
     metre = how.factor("length", "m", name=name, where="lengths") if lengths or columns else 1.0
     second = how.factor("time", "s", name=name, where="column time")
-    most = {"time": LATEST / second, **dict.fromkeys((*columns, *lengths), FARTHEST / metre)}
+    most = {"time": LATEST / second}
     missing = dict.fromkeys(wanted[1:], MISSING)
     cells = numbers_below(
         lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=separator, missing=missing

@@ -10,7 +10,7 @@ import numpy as np
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.units import Reading
-from rehab_opt.text_file import FARTHEST, LATEST, finite_number, shown, text_lines
+from rehab_opt.text_file import LATEST, finite_number, shown, text_lines
 
 __all__ = ["read_svc"]
 
@@ -39,16 +39,15 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
         how.factor(kind, "" if how.counted(kind) else unit, name=name, where=column)
         for kind, unit, column in (("length", "mm", "x_mm"), ("time", "s", "t_s"))
     )
-    units = (length, length, tick, 1.0)
-    most = (FARTHEST, FARTHEST, LATEST, math.inf)
+    most = (math.inf, math.inf, LATEST / tick, math.inf)
     samples = np.empty((len(lines) - 1, len(COLUMNS)))
     for i, text in enumerate(lines[1:]):
         cells = text.split()
         if len(cells) < len(COLUMNS):
             raise ProblemFileError(name, f"line {i + 2}", shown(text), f"at least {', '.join(COLUMNS)}")
-        for j, (column, unit) in enumerate(zip(COLUMNS, units, strict=True)):
+        for j, column in enumerate(COLUMNS):
             samples[i, j] = finite_number(
-                cells[j], name=name, line=i + 2, column=column, most=most[j] / unit,
+                cells[j], name=name, line=i + 2, column=column, most=most[j],
                 beyond="another unit? what a raw count is say recording.count_mm and recording.tick_ms",
             )  # fmt: skip
         if samples[i, 3] not in (0, 1):

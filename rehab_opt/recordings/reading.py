@@ -25,6 +25,7 @@ from rehab_opt.recordings.recording import (
     recording_of,
     strange_sizes,
     with_gaps,
+    within_reach,
     without_spikes,
 )
 from rehab_opt.recordings.tables import read_csv
@@ -100,7 +101,7 @@ def read_recording(
         paced = f"played at {speed:g} of its recorded speed"
         recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints), trials=trials)
         recording = recording.noting(paced)
-    kept = without_spikes(recording) if clean else recording
+    kept = within_reach(without_spikes(recording) if clean else recording)
     if len(kept.time) < len(recording.time):
         seconds = (len(recording.time) - len(kept.time)) * float(np.median(np.diff(recording.time)))
         kept = kept.noting(f"that leaves out {seconds:.3g} s of {recording.duration:.4g} s")

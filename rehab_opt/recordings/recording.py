@@ -23,6 +23,7 @@ __all__ = [
     "strange_sizes",
     "unseen",
     "with_gaps",
+    "within_reach",
     "without_spikes",
 ]
 
@@ -123,6 +124,8 @@ LONG_STEP = 0.1, 5.0
 FEWEST_SEEN, ZEROED, NEAR = 10, 1.5, 10
 """Least number of other samples by which zeros are judged; least distance of a lost marker's zeros from the samples
 beside them, as a multiple of the longest of the next 10 steps there."""
+ENDLESS = 1e12
+"""[m] No unit of length makes a position as large as this."""
 LEVER = 0.3
 """[m] Radius, about a forearm's length, at which the turn of a joint is measured by the rules for the hand."""
 
@@ -140,13 +143,8 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
 
     Raises
     ------
-    ProblemFileError : as `Recording`; a coordinate that must be in another unit.
+    ProblemFileError : as `Recording`.
     """
-    far = np.argwhere(np.abs(samples.points) > FARTHEST)
-    if len(far):
-        row, axis = (int(i) for i in far[0])
-        value, expected = float(samples.points[row, axis]), f"at most {FARTHEST:g} m (another unit?)"
-        raise ProblemFileError(file, f"sample {row + 1}, {'xyz'[axis]}", value, expected)
     time, notes = _in_a_row(samples)
     time, rounded = even_times(time, samples.rate)
     if rate_hz is not None:
@@ -207,12 +205,15 @@ def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
 def unseen(points: Array) -> NDArray[np.bool_]:
     """(N,) flags of samples of points (N, d) without the hand.
 
-    A coordinate is missing, or all are exactly zero (some systems write this for a lost marker) and further from the
-    samples before and after than `ASIDE` and than `ZEROED` of their longest steps.
+    A coordinate is missing or beyond `ENDLESS`, or has a number that some systems write for a lost marker: all are zero
+    or equal (-9999), or one is a repeated number beyond `FARTHEST` (9999999). Such samples must be further from those
+    before and after than `ASIDE` and than `ZEROED` of their longest steps.
     """
-    lost: NDArray[np.bool_] = np.asarray(~np.isfinite(points).all(axis=1))
+    lost: NDArray[np.bool_] = np.asarray(~(np.abs(points) < ENDLESS).all(axis=1))
     seen = np.flatnonzero(~lost)
-    zero = (points[seen] == 0).all(axis=1)
+    values, counts = np.unique(np.abs(points[seen])[np.abs(points[seen]) > FARTHEST], return_counts=True)
+    equal = points[seen] == (points[seen, :1] if points.shape[1] > 1 else 0)
+    zero = equal.all(axis=1) | np.isin(np.abs(points[seen]), values[counts > 1][-1:]).any(axis=1)
     rows = seen[~zero]
     if not zero.any() or len(rows) <= FEWEST_SEEN:
         return lost
@@ -220,8 +221,9 @@ def unseen(points: Array) -> NDArray[np.bool_]:
     for part in np.split(seen, np.flatnonzero(np.diff(zero.astype(np.int8))) + 1):
         k = int(np.searchsorted(rows, part[0]))
         beside = [(k - 1, part[0], pace[: max(k - 1, 0)][-NEAR:]), (k, part[-1], pace[k:][:NEAR])]
-        lost[part] = (points[part[0]] == 0).all() and all(
-            np.linalg.norm(points[rows[i]]) > max(ASIDE, ZEROED * near.max(initial=0.0) * abs(rows[i] - at))
+        lost[part] = zero[np.searchsorted(seen, part[0])] and all(
+            np.linalg.norm(points[rows[i]] - points[at])
+            > max(ASIDE, ZEROED * near.max(initial=0.0) * abs(rows[i] - at))
             for i, at, near in beside
             if 0 <= i < len(rows)
         )
@@ -283,7 +285,7 @@ def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.
         last, away = way[0], way[0][:0]
         for part in way[1:]:
             four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
-            if len(part) > len(away) > 0 and not _jumps(time[four], points[four])[1]:
+            if len(part) > len(away) > 0 and (len(last) == 1 or not _jumps(time[four], points[four])[1]):
                 last, away = part, part[:0]
             else:
                 spikes[part], away = True, np.concatenate((away, part))
@@ -302,6 +304,17 @@ def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
     wide = np.abs(np.pad(steps, 1, mode="reflect"))
     seen = (wide[1:-1] + np.minimum(wide[:-2], wide[2:])) / 2
     return np.asarray((off > ASIDE) & (off > wide[1:-1] * np.minimum(HURLED * seen / 2, FASTEST)))
+
+
+def within_reach(recording: Recording) -> Recording:
+    """The recording; raises `ProblemFileError` for a coordinate that must be in another unit."""
+    far = np.argwhere(np.abs(recording.points) > FARTHEST)
+    if len(far):
+        row, axis = (int(i) for i in far[0])
+        where = f"sample {row + 1}, {'xyz'[axis]}, after {recording.time[row] - recording.time[0]:.3g} s"
+        value = float(recording.points[row, axis])
+        raise ProblemFileError(recording.file, where, value, f"at most {FARTHEST:g} m (another unit?)")
+    return recording
 
 
 def with_gaps(recording: Recording) -> Recording:

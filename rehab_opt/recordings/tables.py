@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.units import ANGLE, COUNTS, KINDS, LENGTH, TIME, UNITS, Reading, known_unit, place_of
-from rehab_opt.text_file import FARTHEST, LATEST, brief, finite_number, header_cells, shown, text_lines, times
+from rehab_opt.text_file import LATEST, brief, finite_number, header_cells, shown, text_lines, times
 
 __all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "numbers_below", "read_csv", "unit_of"]
 
@@ -33,6 +33,7 @@ HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
 """Names that are recognised in capitals, too."""
 MISSING = frozenset({
     "", "nan", "na", "n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "#n/a",
+    "inf", "+inf", "-inf", "infinity", "-infinity", "1.#inf", "-1.#inf",
 })  # fmt: skip
 """Cells, in lower case, that mean a missing value."""
 ROWS = "(rows)"
@@ -110,8 +111,7 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
     forces = [cell for cell in ("fx_N", "fy_N", "fz_N") if cell in header]
     if forces and forces[:2] != ["fx_N", "fy_N"]:
         raise ProblemFileError(name, f"line {top + 1}", forces[0], "fx_N and fy_N together")
-    most = {cell: FARTHEST / scale_of[cell] for cell in kinds["length"]}
-    most |= {cell: LATEST / scale_of[cell] for cell in kinds["time"]} | dict.fromkeys(forces, STRONGEST)
+    most = {cell: LATEST / scale_of[cell] for cell in kinds["time"]} | dict.fromkeys(forces, STRONGEST)
     wanted = [*kinds["time"], *kinds["length"], *kinds["angle"], *forces]
     cells = numbers_below(
         lines[top + 1 :], header, wanted, most, name=name, first=top + 2, separator=mark, point=point,

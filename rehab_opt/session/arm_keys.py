@@ -209,7 +209,7 @@ class ArmSection(Section):
     """Lengths of the arm's segments."""
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
     """Largest angle between the handle and the vertical."""
-    joint_speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
+    joint_speed_deg_s: float | None = Field(default=None, gt=0, le=2160)
     """Largest speed of every joint, also an upper bound for the drive; default 172 of `human_arm`, an assumption: the
     paper gives none."""
     joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)

@@ -10,8 +10,10 @@ from rehab_opt import (
     Capsule,
     Clearance,
     ConfigurationError,
+    Interaction,
     KeepOut,
     MirrorTracker,
+    MovingCapsule,
     PathAssistance,
     PoseTracker,
     PotentialField,
@@ -24,6 +26,7 @@ from rehab_opt import (
     ur5,
 )
 from rehab_opt.kinematics.link import Link
+from rehab_opt.kinematics.link_capsules import LinkCapsule
 from tests.refusals import refuses
 
 METRES = "metres"
@@ -126,10 +129,55 @@ def test_bodies_in_millimetres_are_refused_and_those_of_a_room_are_not():
         lambda **more: made(MirrorTracker, ROBOTS["arm"], **more),
         ({"keep_out": [KeepOut((0.0, 0.0, 1.0), -500.0)]}, "keep_out[0]", METRES),
     )
+    room = np.eye(4)
+    for length, meant in ((2.0, True), (700.0, False)):
+        room[:3, 3] = length
+        if meant:
+            ur5(velocity=1.0, base=room)
+        else:
+            with pytest.raises(ConfigurationError, match=r"base = .* in metres"):
+                ur5(velocity=1.0, base=room)
     clear(
         planes=[KeepOut((0.0, 0.0, 1.0), -2.0)], capsules=[Capsule("bar", (3.0, 0, 0), (3.0, 0, 3.0), 0.05)],
         boxes=[Box.at("wall", np.eye(4) + np.pad([[4.0]], ((0, 3), (3, 0))), (0.2, 8.0, 3.0))],
     )  # fmt: skip
+
+
+def test_shapes_of_links_and_joint_speeds_in_other_units_are_refused():
+    refuses(
+        lambda *shape: ur5(velocity=1.0, capsules=[LinkCapsule("forearm", 3, *shape)]),
+        (((0.0, 0.0, 0.0), (392.25, 0.0, 0.0), 0.066), "capsules, forearm", METRES),
+        (((0.0, 0.0, 0.0), (0.392, 0.0, 0.0), 66.0), "capsules, forearm", METRES),
+    )
+    refuses(lambda make: make(velocity=172.0), ((ur5,), "velocity", "rad/s"), ((human_arm,), "velocity", "rad/s"))
+
+
+def test_the_mirror_refuses_an_interaction_in_millimetres():
+    refuses(
+        lambda **more: made(MirrorTracker, ROBOTS["arm"], interaction=Interaction(**more)),
+        ({"max_offset": 50.0}, "interaction.max_offset", METRES),
+        ({"speed": 150.0}, "interaction.speed", "m/s"),
+    )
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_moving_bodies_in_millimetres_are_braked_for_and_those_of_a_room_are_not(tracker):
+    chain = ROBOTS["arm"]
+    controller, q = made(tracker, chain, limits=[Clearance(0.02, moving=2)]), np.full(6, 0.4)
+    far, near = MovingCapsule((9.0, 40.0, 1.0), (9.0, 40.0, 1.0), 0.3, (2.0, 0, 0), (2.0, 0, 0)), (0.0, 0.0, 0.0)
+    wrong = (
+        MovingCapsule((600.0, 400.0, 900.0), (600.0, 400.0, 1200.0), 0.06),
+        MovingCapsule((0.9, 0.9, 0.9), (0.9, 0.9, 0.9), 60.0),
+        MovingCapsule((0.9, 0.9, 0.9), (0.9, 0.9, 0.9), 0.06, (250.0, 0.0, 0.0), near),
+    )
+    assert controller.step(q, chain.pose(q), np.zeros(6), obstacles=[far]).status is Status.OK
+    for body in wrong:
+        command = controller.step(q, chain.pose(q), np.zeros(6), obstacles=[far, body])
+        assert "too large" in command.reason
+        assert not command.value.any()
+    absent = np.zeros((2, 14))
+    absent[:, :13] = 1e4
+    assert controller.step(q, chain.pose(q), np.zeros(6), obstacles=absent).status is Status.OK
 
 
 def test_the_chair_does_not_act_on_a_stick_in_millimetres():

@@ -135,11 +135,11 @@ def test_refusal_names_the_cause(written: Write) -> None:
         (("a.csv", "t,x,y\n0,1,2\n", {}), "line 1, column t", "recording.tick_ms"),
         (("a.csv", "t_s,x,y\n0,1,2\n", {}), "line 1, column x", "recording.count_mm"),
         (("a.csv", "t_s,x_m,y_m\n0,1,2\n".encode("utf-16"), {}), "file", "CSV UTF-8"),
-        (("a.svc", "2\n20000 0 0 1\n20001 0 1 1\n", {}), "line 2, column x_mm", "count_mm"),
+        (("a.svc", "2\n20000 0 0 1\n20001 0 1 1\n", {}), "whole numbers", "count_mm"),
         (
             ("a.sto", "x\nendheader\ntime hand_X hand_Y\n0 1 1\n1 20 1\n", {"columns": ["hand_X", "hand_Y"]}),
-            "column hand_X",
-            "-10 to 10",
+            "sample 2, x",
+            "at most 10 m",
         ),
         error=ProblemFileError,
     )

@@ -16,6 +16,7 @@ from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.scoring import score_recordings
 from tests.measures.yardstick import reach
 from tests.refusals import refuses
+from tests.session.made_xdf import xdf
 from tests.session.test_laboratory_files import moved, same, table, trc
 
 Write = Callable[[str, str | bytes], Path]
@@ -133,6 +134,55 @@ def test_a_reach_from_the_origin_and_back_keeps_its_rests(written: Write, rate: 
     points = np.column_stack((points, points[:, 0] / 3))
     read = read_recording(written("a.csv", table(np.arange(len(points)) / rate, points)))
     assert len(read.time) == len(points)
+
+
+def in_every_format(written: Write, time: Array, points: Array) -> dict[str, tuple[Path, dict[str, Any]]]:
+    hand, axes = {"marker": "HAND"}, {"columns": ["h_tx", "h_ty", "h_tz"]}
+    labels = written("a_channels.tsv", "name\tcomponent\ttype\ttracked_point\tunits\n" + "".join(
+        f"{axis}\t{axis}\tPOS\tHAND\tm\n" for axis in "xyz"))  # fmt: skip
+    rows = "\n".join("\t".join(f"{x:.7f}" for x in row) for row in points)
+    labels.with_name("a_motion.json").write_text('{"SamplingFrequency": 100}')
+    return {
+        "csv": (written("a.csv", table(time, points)), {}),
+        "trc": (written("a.trc", trc(time, points)), hand),
+        "mot": (written("a.mot", table(time, points, "Coordinates\ninDegrees=yes\nendheader\ntime h_tx h_ty h_tz")), axes),
+        "tsv": (written("a_motion.tsv", rows), {}),
+        "xdf": (written("a.xdf", xdf(time, points, unit="m")), {"columns": ["hand_X", "hand_Y", "hand_Z"]}),
+    }
+
+
+@pytest.mark.parametrize(
+    ("wrong", "rows", "note"),
+    [
+        (np.array([30.0, 0.2, 1.0]), slice(20, 21), "samples left out as spikes: 1, the first after 0.2 s"),
+        (np.array([[31.0, -40.0, 3.0], [29.0, 0.3, 2.0]]), slice(20, 22), "samples left out as spikes: 2, the first after 0.2 s"),
+        (np.inf, slice(20, 24), "left out: 4 samples (0.04 s) without the hand, the first after 0.2 s"),
+        (-np.inf, slice(20, 24), "left out: 4 samples (0.04 s) without the hand, the first after 0.2 s"),
+        (-9.999, slice(20, 40), "left out: 20 samples (0.2 s) without the hand, the first after 0.2 s"),
+        (9999999.0, slice(20, 40), "left out: 20 samples (0.2 s) without the hand, the first after 0.2 s"),
+        (np.array([0.2, 9999.0, 0.3]), slice(0, 9), "left out: 9 samples (0.09 s) without the hand, the first after 0 s"),
+    ],
+)
+def test_spikes_and_the_numbers_of_lost_markers_are_left_out_in_every_format(
+    written: Write, wrong: Any, rows: slice, note: str
+) -> None:
+    time, points = moved()
+    kept = np.ones(len(time), dtype=bool)
+    spoilt = points.copy()
+    spoilt[rows], kept[rows] = wrong, False
+    for kind, (path, how) in in_every_format(written, time, spoilt).items():
+        read = read_recording(path, **how)
+        assert note in read.notes, kind
+        np.testing.assert_allclose(read.points, points[kept], atol=1e-6, err_msg=kind)
+
+
+def test_a_hand_in_millimetres_read_as_metres_is_refused_and_no_gap(written: Write) -> None:
+    time, points = moved()
+    for many in (1e3, 1e6):
+        for offset in (0.0, points.min(axis=0)):
+            for path, how in in_every_format(written, time, many * (points - offset)).values():
+                with pytest.raises(ProblemFileError, match=r"at most 10 m \(another unit"):
+                    read_recording(path, **how)
 
 
 # -------------------- units and keys

@@ -110,7 +110,7 @@ def test_what_is_refused_names_the_option_that_would_read_it(
         ("a.csv", "t_s;x_m;y_m\n0;1,5;2\n", ["--separator", "semicolon"], "(a decimal comma? --decimal comma)"),
         ("a.csv", "t_s,x_m,y_m\n0,1,2\n", ["--columns", "x_m,b_m"], "--columns = 'b_m'"),
         ("a.csv", "t_s,x,y\n0,1,2\n", ["--count-mm", "-1"], "--count-mm = -1.0: expected a finite number above zero"),
-        ("a.svc", "2\n99000000 1 0 1 0 0 0\n1 1 10 1 0 0 0\n", [], "what a raw count is say --count-mm and --tick-ms"),
+        ("a.svc", "2\n99000000 1 0 1 0 0 0\n1 1 10 1 0 0 0\n", [], "what a raw count is: --count-mm and --tick-ms"),
     ):
         with pytest.raises(SystemExit) as done:
             main(["score", str(written(name, text)), *how])
