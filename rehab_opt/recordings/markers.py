@@ -41,7 +41,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
     second = how.factor("time", "s", name=name, where="line 4, Time")
     unit = how.factor("length", facts.get("Units"), name=name, where="line 3, Units")
     header = header_cells(lines[3].split(separator), name=name, line=4)
-    if header[:2] != ["Frame#", "Time"]:
+    if [cell.lower().rstrip("#") for cell in header[:2]] != ["frame", "time"]:
         raise ProblemFileError(name, "line 4", shown(lines[3]), "Frame#, Time and the names of the markers")
     rows = [
         (number, row)

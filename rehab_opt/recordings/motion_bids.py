@@ -106,7 +106,8 @@ def _channels(path: Path, name: str) -> list[dict[str, str]]:
         cells = [cell.strip() for cell in line.split("\t")]
         if len(cells) != len(header):
             raise ProblemFileError(said, f"line {number}", f"{len(cells)} cells", f"{len(header)}, as in the header")
-        channels.append(dict(zip(header, cells, strict=True)))
+        channel = dict(zip(header, cells, strict=True))
+        channels.append(channel | {"type": channel["type"].upper(), "component": channel["component"].lower()})
     names = [each["name"] for each in channels]
     if len(set(names)) < len(names):
         raise ProblemFileError(said, "name", shown(", ".join(names)), "each channel once")

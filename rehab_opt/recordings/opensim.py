@@ -10,15 +10,13 @@ import numpy as np
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.tables import MISSING, check_once, numbers_below
-from rehab_opt.recordings.units import Reading, place_of
+from rehab_opt.recordings.units import RATES, Reading, place_of
 from rehab_opt.text_file import LATEST, brief, header_cells, number_in, shown, text_lines
 
 __all__ = ["read_opensim"]
 
 LENGTHS = {".mot": r"(^|[_/])t[xyz]$|trans[XYZ]$", ".sto": r"(^|[_/])t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
 """Column names in metres; those of body kinematics in a .sto end in an axis."""
-RATES = re.compile(r"veloc|speed|accel|deriv|kinematics_(u|dudt)", re.IGNORECASE)
-"""Words in line 1 for velocities and accelerations."""
 OTHERS = re.compile(
     r"force|moment|torque|dynamics|optimi[sz]ation|activation|excitation|control|reaction|power|length|fiber|tendon|"
     r"pennation|muscle|error|probe|energy|emg|electromyo|point",
@@ -26,8 +24,8 @@ OTHERS = re.compile(
 )
 """Words in line 1 for quantities other than positions and joint angles."""
 NO_MOTION = re.compile(
-    r"activation|excitation|control|fib(er|re)|tendon|pennation|muscle|force|torque|moment|power|speed|veloc|accel|"
-    r"reserve|residual|lambda|energy|pressure|emg|_u$|_udot$|_(vel|acc|d{0,2}dot)$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
+    r"activation|excitation|control|fib(er|re)|tendon|pennation|muscle|force|torque|moment|power|"
+    r"reserve|residual|lambda|energy|pressure|emg|(^|_)tau(_|$)|_u$|_udot$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
     re.IGNORECASE,
 )
 """Column names of other quantities: paths other than coordinate values, speeds, forces, muscles."""
@@ -53,15 +51,19 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
         raise ProblemFileError(name, "header", "no endheader line", "a line endheader, and column names below it")
     facts = dict(line.strip(", \t").split("=", 1) for line in lines[: ends[0]] if "=" in line)
     facts = {key.strip().lower(): value.strip().lower() for key, value in facts.items()}
+    said = re.search(r"angles are in (degrees|radians)", " ".join(lines[: ends[0]]), re.IGNORECASE)
+    if said:
+        facts.setdefault("indegrees", "yes" if said[1].lower() == "degrees" else "no")
     title = "" if "=" in lines[0] or not ends[0] else lines[0].strip()
     top = ends[0] + 1
     separator = "," if "," in lines[top] else None
     header = header_cells(lines[top].split(separator), name=name, line=top + 1)
+    header[0] = header[0].lower() if header[0].lower() == "time" else header[0]
     check_once(header, name, line=top + 1)
     if "time" not in header:
         expected = f"one of {shown(', '.join(header), 120)}"
         raise ProblemFileError(name, f"line {top + 1}, column time", "missing", expected)
-    strange = {cell for cell in header if NO_MOTION.search(cell)}
+    strange = {cell for cell in header if NO_MOTION.search(cell) or RATES.search(cell)}
     named = LENGTHS[".sto" if path.suffix.lower() == ".sto" else ".mot"]
     lengths = {cell for cell in header if cell not in strange and re.search(named, cell.removesuffix("/value"))}
     columns = [_place(column, header, lengths, strange, title, how, name) for column in how.columns or ()]

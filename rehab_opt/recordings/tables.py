@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
-from rehab_opt.recordings.units import ANGLE, COUNTS, KINDS, LENGTH, TIME, UNITS, Reading, known_unit, place_of
+from rehab_opt.recordings.units import ANGLE, COUNTS, KINDS, LENGTH, RATES, TIME, UNITS, Reading, known_unit, place_of
 from rehab_opt.text_file import LATEST, brief, finite_number, header_cells, shown, text_lines, times
 
 __all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "numbers_below", "read_csv", "unit_of"]
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 ALONE = Reading()
 """Reading without user settings."""
+COMMENT = re.compile(r"\s*(#|sep=)")
+"""Start of a line above the header: a comment, or the separator for a spreadsheet."""
 NUMERIC = re.compile(r"[-+]?[.,]?\d")
 """Start of a numeric cell."""
 
@@ -33,7 +35,8 @@ HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
 """Names that are recognised in capitals, too."""
 MISSING = frozenset({
     "", "nan", "na", "n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "#n/a",
-    "inf", "+inf", "-inf", "infinity", "-infinity", "1.#inf", "-1.#inf",
+    "inf", "+inf", "-inf", "infinity", "-infinity", "1.#inf", "-1.#inf", "<na>", "nat", ".", "-", "--", "#num!", "#value!",
+    "#div/0!", "#null!", "#ref!",
 })  # fmt: skip
 """Cells, in lower case, that mean a missing value."""
 ROWS = "(rows)"
@@ -84,7 +87,7 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
     ProblemFileError : a missing or duplicate column, a row of the wrong length, a cell that is no number.
     """
     lines = text_lines(path, name)
-    top = next((i for i, line in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
+    top = next((i for i, line in enumerate(lines) if not COMMENT.match(line)), len(lines))
     if top and (top == len(lines) or NUMERIC.match(lines[top].strip())):
         top -= 1
     mark, point = marks(lines[top].strip("# "), how.separator, how.decimal, name=name)
@@ -100,13 +103,19 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
         expected = "a header with units, such as t_s,x_m,y_m (or recording.columns and time_column as numbers)"
         raise ProblemFileError(name, f"line {top + 1}", shown(lines[top]), expected)
     written[0] = written[0] or ROWS
-    below = _units(lines[top + 1].split(mark)) if top + 1 < len(lines) else []
-    units = below if len(below) == len(written) else [""] * len(written)
+    below = lines[top + 1].split(mark) if top + 1 < len(lines) else []
+    if len(below) == len(written) + 1 and below[0] in ('"1"', "1" if mark is None else ""):  # as R names rows
+        written.insert(0, ROWS)
+    units = _units(below) if len(_units(below)) == len(written) else [""] * len(written)
     top += any(units)
     header = [canonical_name(f"{cell} [{unit}]" if unit else cell) for cell, unit in zip(written, units, strict=True)]
     check_once(header, name, line=top + 1)
     kinds = {"time": _times(header, written, how, name), "length": _hand(header, written, how, name)}
-    kinds["angle"] = [cell for cell in header if unit_of(cell) in ANGLE and cell not in kinds["length"]]
+    kinds["angle"] = [
+        cell
+        for cell in header
+        if unit_of(cell) in ANGLE and cell not in kinds["length"] and not RATES.search(cell.rpartition("_")[0])
+    ]
     scale_of = {cell: _scale(kind, cell, how, name) for kind, cells in kinds.items() for cell in cells}
     forces = [cell for cell in ("fx_N", "fy_N", "fz_N") if cell in header]
     if forces and forces[:2] != ["fx_N", "fy_N"]:
@@ -185,8 +194,8 @@ def _hand(header: Sequence[str], written: Sequence[str], how: Reading, name: str
         return []
     bare = how.counted("length") is not None
     columns = [_column(header, (axis,), LENGTH, name, bare=bare) for axis in ("x", "y")]
-    heights = [f"z_{unit}" for unit in LENGTH] + (["z"] if bare else [])
-    return columns + [cell for cell in heights if cell in header][:1]
+    high = {"z", *(f"z_{unit}" for unit in LENGTH)} & {*header}
+    return [*columns, _column(header, ("z",), LENGTH, name, bare=bare)] if high else columns
 
 
 def numbers_below(
@@ -296,7 +305,8 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
 
 def _asked(column: str | int, header: Sequence[str], written: Sequence[str], key: str, name: str) -> str:
     """Canonical name of a column that the user gave as written, in canonical form, or by number."""
-    place = place_of(column, written) if str(column) not in header else header.index(str(column))
+    named = column in header and not isinstance(column, int)
+    place = header.index(str(column)) if named else place_of(column, written)
     if place is None:
         expected = f"columns of {name}: {shown(', '.join(written), 120)}"
         raise ProblemFileError(name, key, brief(column), expected)

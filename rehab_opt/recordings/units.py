@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import PurePath
@@ -13,7 +14,7 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.text_file import brief, shown
 
 __all__ = [
-    "ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "TIME", "UNITS", "Reading", "known_unit", "place_of",
+    "ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "RATES", "TIME", "UNITS", "Reading", "known_unit", "place_of",
     "unused_keys",
 ]  # fmt: skip
 
@@ -23,6 +24,8 @@ ANGLE = MappingProxyType({"rad": 1.0, "deg": math.pi / 180})
 FORCE = MappingProxyType({"N": 1.0})
 UNITS: Mapping[str, float] = MappingProxyType({**TIME, **LENGTH, **ANGLE, **FORCE})
 KINDS = MappingProxyType({"length": LENGTH, "angle": ANGLE, "time": TIME})
+RATES = re.compile(r"veloc|speed|accel|deriv|kinematics_(u|dudt)|_(vel|acc|d{0,2}dot)$", re.IGNORECASE)
+"""Names of velocities and accelerations."""
 COUNTS = "counts"
 """Unit of a column of raw counts, whose header has none."""
 SPELLINGS = {
@@ -69,8 +72,8 @@ def known_unit(text: str) -> str:
 
 
 def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -> int | None:
-    """Index of a column or marker by its name or its number from 1; None if there is none."""
-    found = [place for place, name in enumerate(names) if name == str(asked)]
+    """Index of a column or marker by its name or its number from 1; None if there is none. An `int` is a number."""
+    found = [place for place, name in enumerate(names) if name == str(asked) and not isinstance(asked, int)]
     if found or not (str(asked).isascii() and str(asked).isdecimal() and len(str(asked)) < 6):
         return found[0] if len(found) == 1 else None
     return int(asked) - 1 if 1 <= int(asked) <= (count or len(names)) else None
