@@ -35,8 +35,8 @@ HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
 """Names that are recognised in capitals, too."""
 MISSING = frozenset({
     "", "nan", "na", "n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "#n/a",
-    "inf", "+inf", "-inf", "infinity", "-infinity", "1.#inf", "-1.#inf", "<na>", "nat", ".", "-", "--", "#num!", "#value!",
-    "#div/0!", "#null!", "#ref!",
+    "inf", "+inf", "-inf", "infinity", "-infinity", "1.#inf", "-1.#inf", "<na>", "nat", ".", "-", "--",
+    "#num!", "#value!", "#div/0!", "#null!", "#ref!",
 })  # fmt: skip
 """Cells, in lower case, that mean a missing value."""
 ROWS = "(rows)"

@@ -56,6 +56,8 @@ OF_LINK = {
 """Known elements of a robot and of a link, and their children; others give a note. None allows any child."""
 QUATERNIONS = 1.1
 """First version of the format with quaternions in <origin>; readers of earlier versions ignore them."""
+INFINITE = {f"{sign}{word}": float(f"{sign}inf") for sign in ("", "+", "-") for word in ("inf", "infinity")}
+"""Spellings of a limit that is none."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 
@@ -277,7 +279,11 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
     limit = joint.only("limit", source, owner)
     mimic = joint.only("mimic", source, owner)
     lower, upper, velocity, effort = (
-        math.nan if limit is None else float(limit.numbers(key, source, owner, _NO_NUMBER)[0])
+        math.nan
+        if limit is None
+        else INFINITE[limit.attributes[key].strip().lower()]
+        if limit.attributes.get(key, "").strip().lower() in INFINITE
+        else float(limit.numbers(key, source, owner, _NO_NUMBER)[0])
         for key in ("lower", "upper", "velocity", "effort")
     )
     if kind == "continuous":
