@@ -158,9 +158,9 @@ class MirrorTracker(MirrorPreview):
                 backup=options.get("backup"),
                 compile=compile,
             )
-        self._interaction = given = Interaction() if interaction is None else interaction
-        checked_length("interaction.max_offset", given.max_offset, self.chain)
-        check_speeds(self.chain, linear=given.speed, argument="interaction.speed")
+        self._interaction = Interaction() if interaction is None else interaction
+        checked_length("interaction.max_offset", self._interaction.max_offset, self.chain)
+        check_speeds(self.chain, linear=self._interaction.speed, argument="interaction.speed")
         self._memory = np.zeros(REMEMBERED.size)
         self._remembered = self._memory.data  # memory view: twice as fast as numpy
         self._felt, self._held = (self._memory[REMEMBERED.places[name]] for name in ("felt", "held"))

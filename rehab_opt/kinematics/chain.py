@@ -30,8 +30,8 @@ __all__ = ["SerialChain", "per_joint", "turning_speeds"]
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
 LONG_TOOL, FAR_BASE, LONGEST = 2.0, 10.0, 1e6
-"""Longest tool and shape of a link, as a multiple of the arm's length, but at least of 1 m; farthest base, as a multiple
-of that; [m] length assumed for prismatic joints without limits."""
+"""Longest tool and shape of a link, as a multiple of the arm's length or of 1 m; farthest base, as a multiple of that;
+[m] length assumed for prismatic joints without limits."""
 MAX_WRITTEN = 64
 """Largest number of cached expressions."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
@@ -131,7 +131,9 @@ class SerialChain(HasEvaluator):
         tool, tool_note = nearest_rigid("tool", self.tool)
         capsules, most = checked_capsules(self.capsules, n + 2), LONG_TOOL * max(_lengths(rows, lower, upper), 1.0)
         sizes = {"tool": (tool[:3, 3], most), "base": (base[:3, 3], FAR_BASE * most)}
-        sizes |= {f"capsules, {each.name}": ([*each.start, *each.end, each.radius], most) for each in capsules}
+        sizes |= {
+            f"capsules, {each.name}": (np.array([*each.start, *each.end, each.radius]), most) for each in capsules
+        }
         for argument, (numbers, longest) in sizes.items():
             if not (size := float(np.linalg.norm(numbers))) <= longest:
                 expected = f"at most {longest:.3g} m on this arm: is it in metres?"

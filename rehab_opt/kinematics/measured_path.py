@@ -36,8 +36,8 @@ EXACT, FINEST = 1e-3, 1e-5
 """Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value, and
 smallest noise, as a fraction of the range."""
 NOISY, WHITE, BAND = (4, 6), 0.5, 4.0
-"""Orders of the differences that show noise; their least ratio: it is 1 for white noise, and below 1/2 for motion slower
-than a quarter of the sampling rate. Standard deviations within which the path stays."""
+"""Orders of the differences that show noise; their least ratio, which is 1 for white noise and below 1/2 for motion
+slower than a quarter of the sampling rate; standard deviations within which the path stays."""
 TWICE = 1.6, 2.7
 """Ratio of a step's speed to the mean of those beside it, if a sample between was lost."""
 AROUND, OFTEN_SEEN, DEVIATIONS = 41, 80, 1.2816

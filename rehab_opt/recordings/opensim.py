@@ -51,9 +51,9 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
         raise ProblemFileError(name, "header", "no endheader line", "a line endheader, and column names below it")
     facts = dict(line.strip(", \t").split("=", 1) for line in lines[: ends[0]] if "=" in line)
     facts = {key.strip().lower(): value.strip().lower() for key, value in facts.items()}
-    said = re.search(r"angles are in (degrees|radians)", " ".join(lines[: ends[0]]), re.IGNORECASE)
-    if said:
-        facts.setdefault("indegrees", "yes" if said[1].lower() == "degrees" else "no")
+    units = re.search(r"angles are in (degrees|radians)", " ".join(lines[: ends[0]]), re.IGNORECASE)
+    if units:
+        facts.setdefault("indegrees", "yes" if units[1].lower() == "degrees" else "no")
     title = "" if "=" in lines[0] or not ends[0] else lines[0].strip()
     top = ends[0] + 1
     separator = "," if "," in lines[top] else None

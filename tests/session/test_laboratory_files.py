@@ -67,6 +67,8 @@ def same(path: Path, points: Array | None = None, *, rate: float = 100, **readin
     ("head", "clock", "reading"),
     [
         ("timestamp_s,x_m,y_m,z_m", "{:.5f}".format, {}),
+        ("sep=,\nt_s,x_m,y_m,z_m", "{:.5f}".format, {}),
+        ('"t_s","x_m","y_m","z_m"', '"1",{:.5f}'.format, {}),
         ("# t_s,x_m,y_m,z_m", "{:.5f}".format, {}),
         ("# made by numpy\n# t_s,x_m,y_m,z_m", "{:.5f}".format, {}),
         ("# version 2\nt_s,x_m,y_m,z_m", "{:.5f}".format, {}),
@@ -100,6 +102,7 @@ def test_a_header_of_numbers_is_no_sample(written: Write) -> None:
     """As pandas writes columns without names."""
     path = written("a.csv", table(*moved(), "0,1,2,3"))
     same(path, time_column="0", columns=["1", "2", "3"], units=["s", "m"])
+    same(path, time_column=1, columns=[2, 3, 4], units=["s", "m"])
 
 
 def test_what_a_table_does_not_say_is_asked_for(written: Write) -> None:
@@ -109,6 +112,7 @@ def test_what_a_table_does_not_say_is_asked_for(written: Write) -> None:
         ({"head": "timestamp,x_m,y_m,z_m"}, "column timestamp", "recording.units", "recording.tick_ms"),
         ({"head": "clock_s,x_m,y_m,z_m"}, "recording.time_column or recording.rate_hz"),
         ({"head": "t_s,a,b,c", "columns": ["a", "b"]}, "recording.columns = 'a'", "recording.units"),
+        ({"head": "t_s,x_m,y_m,z"}, "column z", "recording.units"),
         ({"head": "t_s,a_deg,b_m,c_m", "columns": ["a_deg", "b_m"], "units": ["m"]}, "recording.columns = 'a_deg'"),
         ({"head": "t_s x_m y_m z_m"}, "recording.separator", "'blank'"),
         ({"head": "t_s,x_m,y_m,z_m", "units": ["mm", "cm"]}, "recording.units", "one of each"),

@@ -103,6 +103,17 @@ def test_what_is_no_angle_is_read_as_none(written: Write) -> None:
     assert ends(written("c.sto", motion(time, angles, title="")), units=["deg"]) == WHOLE
 
 
+def test_what_a_header_says_of_angles_is_used_however_it_is_spelled(written: Write) -> None:
+    time, angles = turned()
+    plain = motion(time, angles)
+    assert ends(written("a.mot", plain.replace("inDegrees=yes", "Angles are in degrees."))) == WHOLE
+    assert ends(written("a.mot", plain.replace("time elbow", "Time elbow"))) == WHOLE
+    rates = table(time, np.hstack((angles, angles)), "t_s,elbow_deg,shoulder_deg,elbow_velocity_deg,shoulder_acc_deg")
+    read = read_recording(written("a.csv", rates))
+    assert [*read.joints] == ["elbow", "shoulder"]
+    assert read.notes == ("columns not read: elbow_velocity_deg, shoulder_acc_deg",)
+
+
 def test_a_range_is_printed_from_a_file_with_a_hand_and_names_no_arm_has_are_said(
     written: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,6 +149,7 @@ def test_a_reach_from_the_origin_and_back_keeps_its_rests(written: Write, rate: 
 
 def in_every_format(written: Write, time: Array, points: Array) -> dict[str, tuple[Path, dict[str, Any]]]:
     hand, axes = {"marker": "HAND"}, {"columns": ["h_tx", "h_ty", "h_tz"]}
+    head = "Coordinates\ninDegrees=yes\nendheader\ntime h_tx h_ty h_tz"
     labels = written("a_channels.tsv", "name\tcomponent\ttype\ttracked_point\tunits\n" + "".join(
         f"{axis}\t{axis}\tPOS\tHAND\tm\n" for axis in "xyz"))  # fmt: skip
     rows = "\n".join("\t".join(f"{x:.7f}" for x in row) for row in points)
@@ -145,22 +157,28 @@ def in_every_format(written: Write, time: Array, points: Array) -> dict[str, tup
     return {
         "csv": (written("a.csv", table(time, points)), {}),
         "trc": (written("a.trc", trc(time, points)), hand),
-        "mot": (written("a.mot", table(time, points, "Coordinates\ninDegrees=yes\nendheader\ntime h_tx h_ty h_tz")), axes),
+        "mot": (written("a.mot", table(time, points, head)), axes),
         "tsv": (written("a_motion.tsv", rows), {}),
         "xdf": (written("a.xdf", xdf(time, points, unit="m")), {"columns": ["hand_X", "hand_Y", "hand_Z"]}),
     }
 
 
+SPIKES, LOST = (
+    "samples left out as spikes: {}, the first after 0.2 s",
+    "left out: {} s) without the hand, the first after ",
+)
+
+
 @pytest.mark.parametrize(
     ("wrong", "rows", "note"),
     [
-        (np.array([30.0, 0.2, 1.0]), slice(20, 21), "samples left out as spikes: 1, the first after 0.2 s"),
-        (np.array([[31.0, -40.0, 3.0], [29.0, 0.3, 2.0]]), slice(20, 22), "samples left out as spikes: 2, the first after 0.2 s"),
-        (np.inf, slice(20, 24), "left out: 4 samples (0.04 s) without the hand, the first after 0.2 s"),
-        (-np.inf, slice(20, 24), "left out: 4 samples (0.04 s) without the hand, the first after 0.2 s"),
-        (-9.999, slice(20, 40), "left out: 20 samples (0.2 s) without the hand, the first after 0.2 s"),
-        (9999999.0, slice(20, 40), "left out: 20 samples (0.2 s) without the hand, the first after 0.2 s"),
-        (np.array([0.2, 9999.0, 0.3]), slice(0, 9), "left out: 9 samples (0.09 s) without the hand, the first after 0 s"),
+        (np.array([30.0, 0.2, 1.0]), slice(20, 21), SPIKES.format(1)),
+        (np.array([[31.0, -40.0, 3.0], [29.0, 0.3, 2.0]]), slice(20, 22), SPIKES.format(2)),
+        (np.inf, slice(20, 24), LOST.format("4 samples (0.04") + "0.2 s"),
+        (-np.inf, slice(20, 24), LOST.format("4 samples (0.04") + "0.2 s"),
+        (-9.999, slice(20, 40), LOST.format("20 samples (0.2") + "0.2 s"),
+        (9999999.0, slice(20, 40), LOST.format("20 samples (0.2") + "0.2 s"),
+        (np.array([0.2, 9999.0, 0.3]), slice(0, 9), LOST.format("9 samples (0.09") + "0 s"),
     ],
 )
 def test_spikes_and_the_numbers_of_lost_markers_are_left_out_in_every_format(

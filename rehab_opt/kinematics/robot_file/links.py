@@ -235,7 +235,7 @@ def _limits(
             if k < 2 and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
                 none_given = f"{arguments[k]}={{{joint.name!r}: {math.copysign(math.inf, k - 0.5)}}}"
                 raise refused(k, f"radians within two turns, as a joint that has ends; if it has none: {none_given}")
-        if not low <= high:
+        if not low <= high or low == math.inf or high == -math.inf:
             k = 0 if of_file[1] else 1  # the limit that the caller gave
             other = f"{keys[1 - k]} of {source.name}" if of_file[1 - k] else arguments[1 - k]
             expected = f"no {('more', 'less')[k]} than {other}, {_said((high, low)[k], joint)}"

@@ -181,6 +181,21 @@ def test_limits_are_the_files_unless_given(arm_file: Path) -> None:
     assert other.upper.tolist() == [1.0] * 7
 
 
+def test_infinite_limits_of_a_file_are_none(tmp_path: Path) -> None:
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child '
+        'link="b"/><origin xyz="0.3 0 0"/><limit lower="-inf" upper="Infinity" velocity="1" effort="INF"/></joint>'
+        "</robot>"
+    )
+    (tmp_path / "a.urdf").write_text(text)
+    arm = SerialChain.from_urdf(tmp_path / "a.urdf", acceleration=2.0)
+    assert (arm.lower[0], arm.upper[0], arm.effort[0], arm.notes) == (-np.inf, np.inf, np.inf, ())
+    for wrong in (text.replace('"-inf"', '"nan"'), text.replace('"-inf"', '"inf" x=""'), text.replace('"1"', '"inf"')):
+        (tmp_path / "a.urdf").write_text(wrong)
+        with pytest.raises(RobotFileError, match=r"limit\."):
+            SerialChain.from_urdf(tmp_path / "a.urdf", acceleration=2.0)
+
+
 def test_capsules_about_collision_geometry_hold_all_of_it(arm_file: Path) -> None:
     rng = np.random.default_rng(11)
     shapes = {
