@@ -78,7 +78,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
 
 
 def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str) -> tuple[LinkCapsule, ...]:
-    """The links as capsules in the frame of their far end; their near end is fixed in that frame, too."""
+    """The links as capsules in the frame of their far end, in which the near end does not move."""
     frames = chain.frames_expression(ca.SX.zeros(chain.n))
     found = []
     for i, (begin, end, radius) in enumerate(links):

@@ -36,13 +36,13 @@ EXACT, FINEST = 1e-3, 1e-5
 """Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value, and
 smallest noise, as a fraction of the range."""
 NOISY, WHITE, BAND = (4, 6), 0.5, 4.0
-"""Orders of the differences that show noise; their least ratio, which is 1 for white noise and below 1/2 for motion
-slower than a quarter of the sampling rate; standard deviations within which the path stays."""
+"""Orders of the differences that show noise; least ratio of these differences, which is 1 for white noise and below 1/2
+for motion slower than a quarter of the sampling rate; number of standard deviations within which the path stays."""
 TWICE = 1.6, 2.7
-"""Ratio of a step's speed to the mean of those beside it, if a sample between was lost."""
+"""Least and largest ratio of a step's speed to the mean of the steps beside it, if a sample was lost in the step."""
 AROUND, OFTEN_SEEN, DEVIATIONS = 41, 80, 1.2816
-"""Number of samples that show the noise of the middle one; their percentile, since a few corners are no noise, and its
-value for the normal distribution."""
+"""Number of samples around a sample that show its noise; their percentile, because a few corners are not noise; value
+of this percentile for a normal distribution."""
 STIFFER, STIFFEST, BESIDE, PASSES = 3.0, 1e9, 9, 80
 """Factor on the weight of samples outside the band, largest weight, number of neighbours that get it, largest number of
 passes."""
@@ -117,9 +117,9 @@ def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
 
 
 def _faster(times: Array, points: Array) -> Array:
-    """Times (N,) of a tracker faster than its logger, of whose samples some are lost unseen, if they fit better.
+    """Corrected times (N,) of a tracker faster than its logger, which loses samples, if these times fit better.
 
-    A step that is twice as fast as those beside it took two samples. The first and the last time stay.
+    If a step is twice as fast as the steps beside it, it took two samples. The first and the last time stay.
     """
     if len(times) < AROUND:
         return times
@@ -183,9 +183,9 @@ def _off(ways: Array, step: float) -> bool:
 
 
 def _noise(times: Array, points: Array) -> Array:
-    """(N, n) standard deviation of the noise of points (N, n), 0 where there is none of importance.
+    """(N, n) standard deviation of the noise of points (N, n); 0 if it is not important.
 
-    It is the size of their divided differences, scaled to be that of a sample if the noise is white.
+    It is the size of the points' divided differences, scaled so that white noise gives its standard deviation.
     """
     from scipy.ndimage import maximum_filter1d, percentile_filter  # noqa: PLC0415  (loaded when used)
 

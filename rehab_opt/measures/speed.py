@@ -132,8 +132,9 @@ def spectral_arc_length(speed: ArrayLike, rate_hz: float) -> float:
 
         - integral over [0, f_c] of sqrt((1 / f_c)^2 + (dV/df)^2) df
 
-    SPARC has no unit and does not depend on the unit of the speed nor, if f_c is below 10 Hz, on the duration. A single
-    minimum-jerk reach has about -1.4; submovements and tremor make SPARC more negative. NaN without motion.
+    SPARC has no unit and does not depend on the unit of the speed. If f_c is below 10 Hz, it does not depend on the
+    duration either. A single minimum-jerk reach has about -1.4; submovements and tremor make SPARC more negative. NaN
+    without motion.
     """
     samples, rate = _speeds(speed), positive("rate_hz", rate_hz)
     count = 2 ** (math.ceil(math.log2(len(samples))) + PADDING)
