@@ -93,7 +93,8 @@ def mjcf_steps(
 
     Raises
     ------
-    ProblemFileError : the file cannot be read. RobotFileError : MuJoCo refuses it, or the tip is not below the base.
+    ProblemFileError : the file cannot be read.
+    RobotFileError : MuJoCo reports an error, or the tip is not below the base.
     ConfigurationError : MuJoCo is not installed, or `bodies` is set (geometry is not read).
     """
     if bodies:
@@ -191,7 +192,7 @@ def _unread(root: Element) -> Iterator[str]:
 
 
 def _kinematics(element: Element, source: Source) -> Iterator[str]:
-    """XML text of an element's kinematic content; refuses NaN and infinity, which MuJoCo would accept."""
+    """XML text of an element's kinematic content; raises an error for NaN and infinity, which MuJoCo accepts."""
     for child in element.children:
         drives_another = element.tag == "actuator" and not {"joint", "jointinparent"} & set(child.attributes)
         if child.tag not in KINEMATICS or drives_another:
