@@ -14,7 +14,7 @@ from rehab_opt.optim.recorder import Stream, recording_qps
 from rehab_opt.session.files import ProblemFile, shipped_problems
 from rehab_opt.session.outcome import Progress
 from rehab_opt.session.run import run_problem
-from rehab_opt.session.systems import system_named
+from rehab_opt.session.systems import system_named, value_at
 
 __all__ = ["file_names", "recorded_run", "sequence_of_stream"]
 
@@ -50,9 +50,10 @@ def recorded_run(
             raise ConfigurationError(argument, value, f"a number of ticks, {least} or more")
     name = config.problem.system
     system = system_named(name)
-    dt = system.seconds_a_tick(config.problem)
-    if dt is None:
+    if not (system.rate_key or system.solver_key):
         raise ProblemFileError(config.file, "system", name, "one whose controllers solve a QP every tick")
+    # Without ticks, as in inverse kinematics, each QP is an iteration.
+    dt = 1 / value_at(config.problem, system.rate_key) if system.rate_key else math.nan
     with recording_qps(skip=skip, most=ticks) as recorder:
         run_problem(config, progress=progress, **options)
     streams = [stream for stream in recorder.streams if len(stream)]

@@ -124,7 +124,7 @@ LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
 }
 LAW_NAMES = {"optimised": "ours", "published": "published controller"}
 STRETCHED = 2.0
-"""Times a limit: what goes beyond is drawn on a scale that is logarithmic above the limit."""
+"""Times a limit, where a panel ends; a note names what goes beyond."""
 
 
 class Panel(NamedTuple):
@@ -151,8 +151,8 @@ def figure_over_time(
 ) -> Figure:
     """One row for each panel, one column for each group of traces, one line for each controller of a group.
 
-    `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched. A scale is
-    logarithmic above a limit that is far exceeded.
+    `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched. A panel
+    ends at twice its limit, and a note names what goes beyond.
     """
     count = max(len(trace["t_s"]) for of in groups.values() for trace in of.values())
     figure = framed(f"{caption} n = {count} ticks a run.", 0.7 + 1.3 * len(panels))
@@ -183,12 +183,7 @@ def _scale(row: Iterable[Axes], panel: Panel) -> None:
         if panel.high is not None:
             end_at(axes, panel.high, bottom=panel.low)
         elif peak > STRETCHED * panel.limit:
-            axes.set_yscale("symlog", linthresh=panel.limit, linscale=1.5)
-            axes.set_ylim(panel.low, 1.5 * peak)
-            steps = [times * 10**k for k in range(6) for times in (2, 5, 10)]
-            ticks = [panel.limit * each for each in (0, 0.5, 1, *steps[:: 1 if peak < 20 * panel.limit else 3])]
-            axes.set_yticks(ticks, [f"{each:g}" for each in ticks])
-            axes.set_ylim(panel.low, 1.5 * peak)
+            end_at(axes, STRETCHED * panel.limit, bottom=panel.low)
         else:
             axes.set_ylim(panel.low, max(1.08 * peak, 0.0 if math.isnan(panel.limit) else 1.08 * panel.limit))
         if math.isfinite(panel.limit):
@@ -299,16 +294,27 @@ CLOSE_UP = 0.5
 """[s] Time span around the fastest change, in which delay and servo are visible."""
 
 
-def servo_figure(names: Sequence[str], trace: Trace, speeds: Array, *, of: str = "", lengths: int = 0) -> Figure:
+def servo_figure(
+    names: Sequence[str],
+    trace: Trace,
+    most: Array,
+    *,
+    of: str = "",
+    lengths: int = 0,
+    what: str = "Speeds of the joints",
+    unit: str = "m/s",
+) -> Figure:
     """Two panels for each joint: the whole run, and half a second around its largest acceleration.
 
     Parameters
     ----------
-    names : (n,) of the joints. speeds : (n,) [rad/s, m/s] their limits. of : what run it is, where there are several.
+    names : (n,) of the joints. trace : with `command` and true `velocity` (N, n). most : (n,) limits [rad/s, m/s].
+    of : what run it is, where there are several.
     lengths : how many of the joints, the first ones, are in metres; the others are angles.
+    what, unit : quantity, and the unit of the joints that are no angles, where it is none of speeds.
     """
     figure = framed(
-        f"Speeds of the joints{of}, commanded and true: the whole run, and the half second of the largest change. "
+        f"{what}{of}, commanded and true: the whole run, and the half second of the largest change. "
         f"n = {len(trace['t_s'])} ticks.",
         0.8 + 0.95 * len(names),
     )
@@ -325,9 +331,9 @@ def servo_figure(names: Sequence[str], trace: Trace, speeds: Array, *, of: str =
             panel.step(at, commanded, where="post", color=COMMANDED, linewidth=THIN, label="commanded")
             panel.plot(at, true, color=TRUE, label="true")
             panel.margins(x=0.01)
-        unit = "m/s" if joint < lengths else "deg/s"
-        axes[0].set_ylabel(f"[{unit}]")
-        axes[0].set_title(f"{name.replace('_', ' ')}, at most {units[joint] * speeds[joint]:.3g} {unit}")
+        own = unit if joint < lengths else "deg/s"
+        axes[0].set_ylabel(f"[{own}]")
+        axes[0].set_title(f"{name.replace('_', ' ')}, at most {units[joint] * most[joint]:.3g} {own}")
     for panel in grid[-1]:
         panel.set_xlabel("time [s]")
     return legend_below(figure)

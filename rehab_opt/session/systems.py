@@ -124,6 +124,7 @@ class System(Generic[P, S]):
     rate_key : key of the controllers' rate in ticks per second; empty if there is none.
     first : the few most important quantities, as for `numbers_table`; empty if there are only few.
     labels : meaning of the parts of a scene's name.
+    drawing : module with a function `figures` of an outcome, imported when a run is drawn.
     """
 
     schema: type[P]
@@ -132,6 +133,7 @@ class System(Generic[P, S]):
     rate_key: ClassVar[str] = ""
     first: ClassVar[tuple[str, ...]] = ()
     labels: ClassVar[Names] = ()
+    drawing: ClassVar[str] = ""
 
     def check(self, config: ProblemFile[P]) -> tuple[str, ...]:
         """Check everything that can be checked without a run, and return the notes.
@@ -191,13 +193,6 @@ class System(Generic[P, S]):
         """
         raise NotImplementedError
 
-    def seconds_a_tick(self, problem: P) -> float | None:
-        """[s] Time between two QPs of its controllers, for `python -m bench.record`; None if they solve none.
-
-        NaN if the QPs are iterations, not ticks.
-        """
-        return 1 / value_at(problem, self.rate_key) if self.rate_key else None
-
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
         """Numbers of each column of the table; by default one column for each scene."""
         return {"\n".join(map(str, names)) or "value": of for names, of in outcome.table.items()}
@@ -221,7 +216,10 @@ class System(Generic[P, S]):
         return numbers_table(outcome.title, self.columns(outcome), first=self.first, caption=self.caption(outcome))
 
     def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """The figures by file name without suffix; by default all columns over time."""
+        """The figures by file name without suffix: those of `drawing`, by default all columns over time."""
+        if self.drawing:
+            drawn: dict[str, Figure] = importlib.import_module(self.drawing).figures(outcome)
+            return drawn
         from rehab_opt.session.drawing import columns_figure  # noqa: PLC0415  (draws)
 
         return columns_figure(dict(outcome.trace()))

@@ -21,7 +21,7 @@ from rehab_opt.session.keys import keys_of
 from rehab_opt.session.live.problem import Following, LiveInputs
 from rehab_opt.session.many.participants import cell_value, participants_of
 from rehab_opt.session.run import arms_of, checked, live_problem, run_problem
-from rehab_opt.session.scenario.figures import figures
+from rehab_opt.session.scenario.figures import trials_figures
 from rehab_opt.session.scoring import score_recordings
 from rehab_opt.session.systems import System, system_named, systems
 from rehab_opt.session.workspaces import reached
@@ -163,7 +163,7 @@ def test_parts(folder: Path, tmp_path: Path) -> None:
     path.write_text(PATH.replace("path.csv", str(file)))
     ran = load_problem(str(path))
     more += [dict(run_problem(ran).metrics) | {"parameters": 0}]
-    more += [[*digest(figure)] for figure in figures(made_outcome("resist", trials=1)).values()]
+    more += [[*digest(figure)] for figure in trials_figures(made_outcome("resist", trials=1)).values()]
     for source in (file, folder / "upper_limb/demonstrations/lead_1.csv"):
         scored = score_recordings([str(source)], pause=0.2 if source is file else None, target=[0.1, 0.4])
         more += [[row._asdict() | {"file": ""} for row in scored.rows]]

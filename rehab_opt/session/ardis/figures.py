@@ -27,7 +27,7 @@ from rehab_opt.session.drawing import (
     legend_below,
     servo_figure,
 )
-from rehab_opt.session.outcome import Array
+from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -45,8 +45,9 @@ ABOVE = 0.03
 """[m] Goals closer than this, seen from above, share a label, since two labels would overlap."""
 
 
-def figures(scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) -> dict[str, Figure]:
+def figures(outcome: Outcome) -> dict[str, Figure]:
     """Figures by file name; scenes and traces are by drive and controller."""
+    scenes, traces = outcome.scenes, outcome.traces
     scene, drives = next(iter(scenes.values())), list(dict.fromkeys(drive for drive, _ in traces))
     ours = {drive: traces[drive, "optimised"] for drive in drives}
     groups = {f"{drive} drive": {law: traces[drive, law] for law in ("optimised", "published")} for drive in drives}
@@ -63,8 +64,8 @@ def figures(scenes: Mapping[Any, Any], traces: Mapping[Any, Trace]) -> dict[str,
         ),
         "limits": figure_over_time(
             "How much of its limits each controller uses, over time: the arm's joint that is nearest to an end of its "
-            "range, the fastest joint or wheel, and the hardest acceleration; logarithmic above a limit that is "
-            "exceeded twice and more.",
+            "range, the fastest joint or wheel, and the hardest acceleration; a note names what exceeds a "
+            "limit twice and more.",
             groups,
             _limit_panels(scene.robot, scene.dt),
         ),
@@ -173,23 +174,14 @@ def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection
     if places:
         label = "goal and its tolerance"
         axes.plot([], [], "o", markerfacecolor="none", color=EVENT, linestyle="", label=label)
-    for i, (numbers, place) in enumerate(_goal_labels(places)):
-        axes.annotate(
-            numbers, place, xytext=(5, -11 if i % 2 else 4), textcoords="offset points", color=EVENT, zorder=6
-        )
-    axes.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
-
-
-def _goal_labels(places: list[tuple[float, float]]) -> list[tuple[str, tuple[float, float]]]:
-    """Numbers of the goals, with one label for goals above each other: "1, 3"."""
-    labels: list[tuple[str, tuple[float, float]]] = []
+    labels: dict[tuple[float, float], list[str]] = {}
     for i, place in enumerate(places, start=1):
-        same = next((k for k, (_, there) in enumerate(labels) if np.hypot(*np.subtract(there, place)) < ABOVE), None)
-        if same is None:
-            labels.append((str(i), place))
-        else:
-            labels[same] = (f"{labels[same][0]}, {i}", labels[same][1])
-    return labels
+        there = next((of for of in labels if np.hypot(*np.subtract(of, place)) < ABOVE), place)
+        labels.setdefault(there, []).append(str(i))
+    for i, (place, numbers) in enumerate(labels.items()):
+        at = {"xytext": (5, -11 if i % 2 else 4), "textcoords": "offset points", "zorder": 6}
+        axes.annotate(", ".join(numbers), place, color=EVENT, **at)
+    axes.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
 
 
 def _draw_chairs(axes: Axes, robot: MobileArm, joints: Array) -> None:

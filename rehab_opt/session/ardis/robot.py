@@ -35,12 +35,7 @@ KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
 
 
 def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
-    """The robot with the file's masses: ARDIS, or the arm of a robot file on its chair.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file, or of the robot file, is not valid.
-    """
+    """The robot with the file's masses: ARDIS, or the arm of a robot file on its chair."""
     section = config.problem.robot
     if section.file is not None:
         arm = arm_of(config, section.file)
@@ -51,12 +46,7 @@ def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
 
 
 def start_of(config: ProblemFile[ArdisProblem], robot: MobileArm) -> Array:
-    """(7,) [m, rad] starting joint positions.
-
-    Raises
-    ------
-    ProblemFileError : outside a joint's limits, or inside an obstacle.
-    """
+    """(7,) [m, rad] starting joint positions."""
     section, chain = config.problem.robot, robot.chain
     arm = ARDIS_READY[CHAIR:]
     if section.arm_deg is not None:
@@ -78,12 +68,7 @@ def room_of(config: ProblemFile[ArdisProblem]) -> tuple[Obstacle, ...]:
 
 
 def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
-    """The stick with the file's modes.
-
-    Raises
-    ------
-    ProblemFileError : the joystick refuses a value.
-    """
+    """The stick with the file's modes."""
     section = config.problem.stick
     modes: tuple[StickMode, ...] = STICK_MODES
     if section.modes is not None:
@@ -96,12 +81,7 @@ def joystick_of(config: ProblemFile[ArdisProblem]) -> Joystick:
 
 
 def stick_of(config: ProblemFile[ArdisProblem], drive: DriveName) -> StickRecording | SimulatedUser:
-    """The drive's stick: its recording, or a new simulated user.
-
-    Raises
-    ------
-    ProblemFileError : a recording is missing, or is not one of a stick; the stick lasts longer than `MAX_TICKS`.
-    """
+    """The drive's stick: its recording, or a new simulated user."""
     section, rate = config.problem.stick, config.problem.run.rate_hz
     file = section.recordings.get(drive)
     stick: SimulatedUser | StickRecording
@@ -123,13 +103,7 @@ def resolver_of(
     solver: str | None = None,
     backup: str | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's room, compiled for the modes of its stick; `backup` as for the controller.
-
-    Raises
-    ------
-    ProblemFileError : the controller refuses a value of the file.
-    ConfigurationError : the controller refuses `solver`.
-    """
+    """The controller with the file's room, compiled for the modes of its stick; `backup` as for the controller."""
     run = config.problem.run
     chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})
     with refused_as(config.file, _key, option=solver):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from rehab_opt.plants.plant import Plant
 from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
-from rehab_opt.session.ardis.figures import figures
 from rehab_opt.session.ardis.measures import motion_metrics
 from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of, stick_of
@@ -31,9 +30,6 @@ from rehab_opt.session.plant import chair_plant, plant_note
 from rehab_opt.session.scene import Plot, Scene, SceneSystem, arm_plots
 from rehab_opt.session.systems import NotMet
 from rehab_opt.session.trace import Trace
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Config = ProblemFile[ArdisProblem]
 LAWS = ("published", "optimised")
@@ -209,6 +205,7 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
     """A wheelchair with an arm, moved by one stick, for each drive of the file."""
 
     schema = ArdisProblem
+    drawing = "rehab_opt.session.ardis.figures"
     solver_key, rate_key = "run.solver", "run.rate_hz"
     first = (
         "goals_met", "duration", "broken_any", "excess: position", "excess: keep_out", "excess: obstacles", "status",
@@ -251,7 +248,3 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
             drives.setdefault(drive, {})[law] = {key: value for key, value in of.items() if key != "clearance"}
         near = {drive: of["clearance"] for (drive, _), of in numbers.items() if "clearance" in of}
         return {"drives": drives, **({"clearance": near} if near else {})}
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """See `ardis.figures`."""
-        return figures(outcome.scenes, outcome.traces)

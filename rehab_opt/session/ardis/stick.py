@@ -67,12 +67,7 @@ class StickRecording(NamedTuple):
 
 
 def read_stick(path: Path, *, name: str) -> StickRecording:
-    """Read a recording of a stick: a CSV with the columns of `HEADER`; deflections -1 to 1, buttons 0 or 1.
-
-    Raises
-    ------
-    ProblemFileError : names the line and column, the value, and what was expected.
-    """
+    """Read a recording of a stick: a CSV with the columns of `HEADER`; deflections -1 to 1, buttons 0 or 1."""
     lines = text_lines(path, name)
     header = tuple(cell.strip() for cell in lines[0].split(","))
     if header != HEADER:

@@ -46,10 +46,6 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
     Parameters
     ----------
     file : name of the problem file, for errors about its keys.
-
-    Raises
-    ------
-    ProblemFileError : a missing column or row, a cell that is not a number, or no header and no sampling rate.
     """
     name = section.file
     lines = text_lines(path, name)
@@ -97,12 +93,7 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
 
 
 def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
-    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's; the header shows the separator.
-
-    Raises
-    ------
-    ProblemFileError : a missing column, or a cell that is not a finite number.
-    """
+    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's; the header shows the separator."""
     lines = text_lines(path, name)
     mark = next((each for each in SEPARATORS.values() if each and each in lines[0]), ",")
     point = "," if mark != "," and any("," in line for line in lines[1:]) else "."

@@ -57,10 +57,6 @@ def tracker_of(
     `MirrorTracker`.
 
     With `live` it gets the person's arm, and limits the reference to it in each tick; `setup.led` is already limited.
-
-    Raises
-    ------
-    ProblemFileError : the tracker refuses a value of the file.
     """
     section = problem.tracker
     planes = planes_of(section.keep_out, file, "tracker.keep_out")

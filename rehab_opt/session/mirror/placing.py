@@ -72,11 +72,6 @@ def found_place(
     ----------
     seats : number of random seats; six times a quarter as many are drawn around the best. This repeats up to `SEARCHES`
         times, until `ENOUGH` seats reach the limit of the person's arm.
-
-    Raises
-    ------
-    ProblemFileError : a recording or a value that is not valid; a calibrated frame, which cannot be changed; or no seat
-        from which the robot follows any part.
     """
     if config.problem.placement.origin_m is None:
         raise ProblemFileError(
@@ -289,12 +284,7 @@ def value_text(value: float | str | list[float]) -> str:
 
 
 def replaced_keys(text: str, keys: dict[str, dict[str, Any]], *, file: str) -> str:
-    """The text of a TOML file with `keys[section][key]` replaced, or inserted at the start of its section.
-
-    Raises
-    ------
-    ProblemFileError : a section without a header of its own.
-    """
+    """The text of a TOML file with `keys[section][key]` replaced, or inserted at the start of its section."""
     lines = text.splitlines()
     for section, values in keys.items():
         headers = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -33,21 +33,13 @@ from rehab_opt.session.plant import joint_plant, plant_note
 from rehab_opt.session.systems import System
 from rehab_opt.session.trace import Trace
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 Config = ProblemFile[MirrorProblem]
 FAR = 1e-3
 """[m] Distance from the first reference pose above which a note reports the start."""
 
 
 class Mirrored:
-    """The parts that all runs of a file share.
-
-    Raises
-    ------
-    ProblemFileError : a recording or a value of the file is not valid.
-    """
+    """The parts that all runs of a file share."""
 
     progress: Progress = staticmethod(lambda *_: None)
 
@@ -147,6 +139,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
     """A hand led along the other hand's mirrored path."""
 
     schema = MirrorProblem
+    drawing = "rehab_opt.session.mirror.shown"
     labels = ("law",)
     first = (
         "drive: passed", "drive: deviation", "drive: duration", "complete", "drive: manipulability", "below_floor",
@@ -216,12 +209,6 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         near = task.near(outcome.traces[STEP,])
         yield from (*task.notes(), *super().notes(numbers, outcome))
         yield from () if near is None else (near.note,)
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """See `mirror.shown`."""
-        from rehab_opt.session.mirror.shown import figures  # noqa: PLC0415  (draws)
-
-        return figures(task_of(outcome), {name: trace for (name,), trace in outcome.traces.items()})
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
         """The mirrored recording to and fro, until the live user drags the hand; the option is `plant`."""

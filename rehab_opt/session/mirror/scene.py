@@ -20,7 +20,7 @@ from rehab_opt.measures.samples import low_passed
 from rehab_opt.recordings.recording import Recording, size_note, strange_sizes, unseen
 from rehab_opt.session.files import ProblemFile, recording_path
 from rehab_opt.session.mirror.hand_poses import HandPoses, calibration_points, read_hand_poses
-from rehab_opt.session.mirror.problem import MirrorProblem, PatientSection, PoseRecordingSection
+from rehab_opt.session.mirror.problem import MirrorProblem, PoseRecordingSection
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.participant import arm_of
 from rehab_opt.session.pose_tracking import MAX_TICKS
@@ -124,19 +124,15 @@ class Setup:
 
 
 def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
-    """Read the recording and compute the layout.
-
-    Raises
-    ------
-    ProblemFileError : a recording or a value that is not valid.
-    """
+    """Read the recording and compute the layout."""
     problem, file = config.problem, config.file
     robot, start = robot_at_start(config)
     section = problem.recording
     seen = read_hand_poses(recording_path(config, section.file), section, file=file)
     fit = _frame(config)
     poses, moved = fit.poses(_robot_axes(seen, section)), _patient_motion(config, seen.times, fit)
-    mirror = patient_mirror(problem.patient)
+    (x, y, z), facing = problem.patient.sagittal_point_m, math.radians(problem.patient.facing_deg)
+    mirror = Mirror((x, y, z), (-math.sin(facing), math.cos(facing), 0.0), "z")
     grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
     tools = moved @ mirror.poses(np.linalg.inv(moved) @ poses) @ grip
     valid = np.flatnonzero(np.all(np.isfinite(tools), axis=(1, 2)) & np.isfinite(seen.times))
@@ -237,13 +233,6 @@ def hand_axes(section: PoseRecordingSection) -> Array:
     """
     fingers, back = (_axis(name, unity=section.frame == "unity") for name in (section.fingers, section.back))
     return np.column_stack([fingers, back, np.cross(fingers, back)])
-
-
-def patient_mirror(section: PatientSection) -> Mirror:
-    """The mirror plane of the patient; hands in the frame fingers, back, across."""
-    facing = math.radians(section.facing_deg)
-    x, y, z = section.sagittal_point_m
-    return Mirror((x, y, z), (-math.sin(facing), math.cos(facing), 0.0), "z")
 
 
 def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rehab_opt.session.drawing import (
@@ -28,8 +27,8 @@ from rehab_opt.session.drawing import (
 from rehab_opt.session.live.bodies import ArmBodies
 from rehab_opt.session.mirror.laws import BEFORE, PLAN, STEP
 from rehab_opt.session.mirror.metrics import CAUSES
-from rehab_opt.session.mirror.run import Mirrored
-from rehab_opt.session.outcome import Array
+from rehab_opt.session.mirror.run import Mirrored, task_of
+from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.trace import Trace
 
 STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -41,11 +40,11 @@ ASTAR: Mapping[str, Any] = {**LAW_STYLES["published"], "label": "published A*"}
 MIRRORED: Mapping[str, Any] = {"color": REFERENCE, "linewidth": BROAD, "alpha": 0.25, "label": "mirrored hand"}
 DASHED: Mapping[str, Any] = {"color": REFERENCE, "linewidth": THIN, "linestyle": "--"}
 CAUSE_COLOURS = ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000")
-EVENTS = ("braking", "holding", "backup", "acceleration", "position", "task")
 
 
-def figures(task: Mirrored, laws: Mapping[str, Trace]) -> dict[str, Figure]:
+def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures of the runs by file name (without suffix)."""
+    task, laws = task_of(outcome), {name: trace for (name,), trace in outcome.traces.items()}
     drives = {name: trace["_drive"].item() for name, trace in laws.items()}
     joints = {STYLES[name]["label"]: (of["t_s"], of["joint"], _unlabelled(name)) for name, of in drives.items()}
     of_step, near = f" ({STYLES[STEP]['label']})", task.near(laws[STEP])
@@ -53,7 +52,7 @@ def figures(task: Mirrored, laws: Mapping[str, Trace]) -> dict[str, Figure]:
         "manipulability": _manipulability(task, drives),
         "position": _position(task, drives),
         "joints": joint_figure(task.robot, joints),
-        "pace": _pace(task, laws, drives),
+        "pace": _pace(task, drives),
         "causes": _causes(laws, drives),
         "space": _space(task, drives),
     }
@@ -131,14 +130,14 @@ def _position(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
     return legend_below(figure)
 
 
-def _pace(task: Mirrored, laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
+def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
     limit = task.problem.tracker.linear_speed_m_s
     figure = framed(
         "How the reference is slowed in time: seconds of it in a second, and how late it is followed; speed of the "
-        f"tool, at most {limit:g} m/s for a controller with a floor; when what was relaxed. {_n(drives)}",
-        5.4,
+        f"tool, at most {limit:g} m/s for a controller with a floor. {_n(drives)}",
+        4.1,
     )
-    pace, lag, speed, events = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1, 1.1))
+    pace, lag, speed = figure.subplots(3, 1, sharex=True)
     for name, drive in drives.items():
         time = drive["t_s"]
         tool = np.linalg.norm(np.diff(drive["_tool"][:, :3, 3], axis=0), axis=1) / np.diff(time)
@@ -147,9 +146,7 @@ def _pace(task: Mirrored, laws: Mapping[str, Trace], drives: Mapping[str, Trace]
             pace.plot(time, 100 * drive["pace"], **_unlabelled(name))
             lag.plot(time, drive["lag_s"], **_unlabelled(name))
     speed.axhline(limit, **DASHED, label="limit of the speed")
-    _events(events, laws, drives)
-    labels = "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]", ""
-    label_times((pace, lag, speed, events), *labels)
+    label_times((pace, lag, speed), "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]")
     pace.set_ylim(0, 110 * max(float(drive["pace"].max()) for drive in drives.values()))
     lag.set_ylim(bottom=0)
     end_at(speed, 3 * limit)
@@ -184,24 +181,6 @@ def _causes(laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
     return figure
-
-
-def _events(axes: Axes, laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> None:
-    """Times of events in the drive, one row for each controller and kind of event."""
-    rows = []
-    for name in (STEP, PLAN):
-        led, drive = laws[name], drives[name]
-        for event in EVENTS:
-            ticks = (led["status"] == event) | (np.char.find(led["relaxed"].astype(str), event) >= 0)
-            if ticks.any():
-                rows.append(f"{event} ({name})")
-                at = np.interp(led["t_s"][ticks], drive["law_t_s"], drive["t_s"])
-                axes.plot(at, np.full(len(at), len(rows) - 1), "|", color=STYLES[name]["color"], markersize=8)
-    axes.set_yticks(range(len(rows)), rows)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    if not rows:
-        axes.set_ylim(0, 1)
-        axes.annotate("nothing was relaxed", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
 def _space(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:

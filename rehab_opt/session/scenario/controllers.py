@@ -38,13 +38,7 @@ def scene_of(context: Precomputed) -> Scene:
 
 
 def law_of(name: Law, context: Precomputed, *, solver: str | None = None) -> ForceLaw:
-    """A controller in the interface of the loop.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file is not valid.
-    ConfigurationError : `solver` is not valid.
-    """
+    """A controller in the interface of the loop."""
     problem = context.problem
     if name == "unassisted":
         return ForceLaw()
@@ -79,12 +73,7 @@ def assisted_law(context: Precomputed, assistance: Assistance | PathAssistance) 
 def assistance_of(
     context: Precomputed, *, solver: str | None = None, backup: str | None = None
 ) -> Assistance | PathAssistance:
-    """Our controller with the whole field; along a path that may cross itself, with progress along the path.
-
-    Raises
-    ------
-    ConfigurationError : a value that is not valid.
-    """
+    """Our controller with the whole field; along a path that may cross itself, with progress along the path."""
     problem, comfortable = context.problem, context.comfortable
     bounds = bounds_of(problem, solver=solver, backup=backup)
     if context.follows_path:
@@ -106,13 +95,7 @@ def _field_law(context: Precomputed) -> FieldLaw:
 
 
 class Task:
-    """The parts that the trials of a file share, built when first needed.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording is not valid.
-    ConfigurationError : `solver` is not valid.
-    """
+    """The parts that the trials of a file share, built when first needed."""
 
     progress: Progress = staticmethod(lambda *_: None)
 

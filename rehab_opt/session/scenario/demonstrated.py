@@ -36,11 +36,6 @@ class Learnt(NamedTuple):
 def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt | None:
     """The field of the demonstrations around `path` (N, 2) [m], or without a path around their mean; None without
     demonstrations.
-
-    Raises
-    ------
-    ProblemFileError : a recording is missing, invalid or without forces; no field fits; or the demonstrations do not
-        end at rest.
     """
     if config.problem.task.demonstrations is None:
         return None

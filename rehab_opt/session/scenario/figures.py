@@ -8,22 +8,19 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rehab_opt.session.drawing import (
-    CLOSE_UP,
-    COMMANDED,
     MM,
     OKABE_ITO,
     REFERENCE,
     THIN,
-    TRUE,
     framed,
     label_times,
     legend_below,
+    servo_figure,
 )
-from rehab_opt.session.outcome import Array
+from rehab_opt.session.outcome import Array, Outcome
 from rehab_opt.session.scenario.field_figures import along_figure, field_figure, learnt_figure
 from rehab_opt.session.scenario.laws import BOUNDED
 from rehab_opt.session.scenario.measures import deviation_of
@@ -41,13 +38,18 @@ from rehab_opt.session.scenario.plane_drawing import (
 )
 from rehab_opt.session.scenario.precomputed import Precomputed
 from rehab_opt.session.scenario.problem import THERAPY
-from rehab_opt.session.scenario.scene import ScenarioTrials
+from rehab_opt.session.scenario.scene import ScenarioTrials, trials_of
 from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.trace import Trace
 
 
-def figures(of: ScenarioTrials) -> dict[str, Figure]:
-    """The figures by file name (without suffix)."""
+def figures(outcome: Outcome) -> dict[str, Figure]:
+    """The figures of a run by file name (without suffix)."""
+    return trials_figures(trials_of(outcome))
+
+
+def trials_figures(of: ScenarioTrials) -> dict[str, Figure]:
+    """The figures of trials by file name (without suffix)."""
     context, first = of.context, {law: trials[0] for law, trials in of.trials.items()}
     drawn = {"field": field_figure(context), "trials": trials_figure(of), "comparison": comparison_figure(of)}
     if context.shown:
@@ -59,7 +61,11 @@ def figures(of: ScenarioTrials) -> dict[str, Figure]:
     if pairs := {law: trial for law, trial in first.items() if "helper" in trial}:
         drawn["together"] = together_figure(context, pairs)
     if late := [law for law in BOUNDED if "_acting" in first.get(law, {})]:
-        drawn["robot"] = robot_figure(late[0], first[late[0]])
+        trial = first[late[0]]
+        forces = Trace({"t_s": trial["t_s"], "command": trial["force_commanded"], "velocity": trial["_acting"]})
+        names, most = ("force x", "force y"), np.full(2, context.problem.robot.motor_limit_N)
+        what = f"First trial, {LAW_NAMES[late[0]]}: forces of the motors, which move the robot's own mass, too"
+        drawn["robot"] = servo_figure(names, forces, most, lengths=2, what=what, unit="N")
     return drawn
 
 
@@ -94,36 +100,23 @@ def comparison_figure(of: ScenarioTrials) -> Figure:
     """A panel for each measure, a row for each controller."""
     chosen, laws = COMPARED.get(of.context.mode, IN_THERAPY), list(of.measures)
     figure = framed(
-        f"Measures of every trial, by controller: a dot is a trial, a bar and its number their mean. {count_words(of)}",
+        f"Measures of every trial, by controller: a dot is a trial, a bar their mean. {count_words(of)}",
         0.9 + 0.36 * len(laws),
     )
     panels = figure.subplots(1, len(chosen), sharey=True)
     for axes, (label, key, factor) in zip(panels, chosen, strict=True):
         for row, (law, measures) in enumerate(of.measures.items()):
             values = np.array([factor * each[key] for each in measures if each[key] is not None])
-            _draw_measure(axes, values, row, LAW_COLOURS[law])
-        low, high = axes.get_xlim()
-        low, high = (low if key == "smoothness_sparc" else 0.0), (PERCENT if factor == PERCENT else high)
-        axes.set_xlim(low, high + 0.5 * (high - low))  # room for the numbers
-        steps = MaxNLocator(3, steps=(1, 2, 5, 10)).tick_values(low, high)
-        ticks = (0.0, 50.0, PERCENT) if factor == PERCENT else steps
-        axes.set_xticks([each for each in ticks if low <= each <= high])
+            style: dict[str, Any] = {"color": LAW_COLOURS[law], "markeredgewidth": 0, "clip_on": False}
+            axes.plot(values, np.full(len(values), row), "o", alpha=0.5, **style)
+            if len(values):
+                axes.plot([values.mean()] * 2, [row - 0.25, row + 0.25], **style)
         axes.set_xlabel(label.format(of.context.problem.task.within_mm))
+        axes.locator_params(axis="x", nbins=3)
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(range(len(laws)), [LAW_NAMES[law] for law in laws])
     panels[0].set_ylim(len(laws) - 0.4, -0.7)
     return figure
-
-
-def _draw_measure(axes: Axes, values: Array, row: int, colour: str) -> None:
-    at: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "center"}
-    if not len(values):
-        axes.annotate("none", (0.97, row), **at)
-        return
-    mean = values.mean()
-    axes.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.5, markeredgewidth=0, clip_on=False)
-    axes.plot([mean, mean], [row - 0.25, row + 0.25], color=colour)
-    axes.annotate(f"{mean:.3g}", (0.97, row), color=colour, **at)
 
 
 COLOURS = {"helper": OKABE_ITO[4], "participant": OKABE_ITO[0]}
@@ -164,31 +157,6 @@ def together_figure(context: Precomputed, pairs: Mapping[Law, Trace]) -> Figure:
         axes.set_ylabel(label)
     for axes in grid[:2, 1:].ravel():
         axes.set_ylabel("")
-    return legend_below(figure)
-
-
-def robot_figure(law: Law, trial: Trace) -> Figure:
-    """Forces and positions of the first trial: the whole trial, and half a second around the hand's largest speed."""
-    figure = framed(
-        f"{LAW_NAMES[law]}, first trial: force commanded to the force loop, and the true force of the motors, which "
-        "move the robot's mass and friction, too; true speed of the hand; distance of the measured from the true "
-        f"position. Left the whole trial, right half a second about the largest speed. n = {len(trial['t_s'])} ticks.",
-        5.2,
-    )
-    grid = figure.subplots(4, 2, width_ratios=(2.2, 1), sharex="col")
-    speed, amiss = MM * np.hypot(*trial["velocity"].T), MM * np.hypot(*(trial["_seen"] - trial["_hand"]).T)
-    near = np.flatnonzero(np.abs(trial["t_s"] - trial["t_s"][int(speed.argmax())]) <= CLOSE_UP / 2)
-    for column, ticks in zip(grid.T, (np.arange(len(trial["t_s"])), near), strict=True):
-        time = trial["t_s"][ticks]
-        for axis, panel in enumerate(column[:2]):
-            commanded, true = (trial[key][ticks, axis] for key in ("force_commanded", "_acting"))
-            panel.plot(time, commanded, color=COMMANDED, linewidth=THIN, label="commanded to the force loop")
-            panel.plot(time, true, color=TRUE, label="true force of the motors")
-        column[2].plot(time, speed[ticks], color=TRUE)
-        column[3].plot(time, amiss[ticks], color=TRUE, linewidth=THIN)
-        label_times(column, *[""] * 4)
-    labels = "force x [N]", "force y [N]", "true speed\nof the hand\n[mm/s]", "error of the\nposition [mm]"
-    label_times(grid[:, 0], *labels)
     return legend_below(figure)
 
 

@@ -140,13 +140,7 @@ def bounds_of(problem: ScenarioProblem, *, solver: str | None, backup: str | Non
 
 @contextmanager
 def bounds_refusals(config: ProblemFile[ScenarioProblem], *, solver: str | None, section: str) -> Iterator[None]:
-    """Name the file's key, or `--solver`, if a controller refuses it.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file is not valid.
-    ConfigurationError : `solver` is not valid.
-    """
+    """Name the file's key, or `--solver`, if a controller refuses it."""
     own = {"solver": "run.solver"}
     with (
         solver_refusals(solver, file=config.file, key="run.solver", value=config.problem.run.solver),

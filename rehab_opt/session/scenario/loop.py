@@ -40,12 +40,7 @@ def person_of(problem: ScenarioProblem) -> Person:
 
 
 def robot_model_of(config: ProblemFile[ScenarioProblem]) -> RobotModel:
-    """The parameters of the simulated robot.
-
-    Raises
-    ------
-    ProblemFileError : the force loop is unstable with this hand, or its simulation is at this tick.
-    """
+    """The parameters of the simulated robot."""
     person, rate = config.problem.person, config.problem.run.rate_hz
     model = RobotModel(**config.problem.robot.arguments(sensor_noise_N="noise"))
     with refused_as(config.file, "robot.{}".format):

@@ -79,13 +79,7 @@ class Together(ForceLaw):
 def sides_of(
     context: Precomputed, *, solver: str | None, backup: str | None = None
 ) -> tuple[HelperSide, ParticipantSide]:
-    """Both sides of a mapped path.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file is not valid.
-    ConfigurationError : `solver` is not valid.
-    """
+    """Both sides of a mapped path."""
     helper, shared = context.problem.helper, context.workspace_map
     assert shared is not None  # the schema refuses a pair without a map
     bounds = bounds_of(context.problem, solver=solver, backup=backup)
@@ -97,12 +91,7 @@ def sides_of(
 
 
 def together_of(both: Bilateral, context: Precomputed) -> Together:
-    """The pair as a controller, with a simulated helper.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file is not valid.
-    """
+    """The pair as a controller, with a simulated helper."""
     healthy = Person(wander=1e-3 * context.problem.helper.wander_mm, tremor=0.0, spasm_rate=0.0)
     robot = hand_robot_of(context.config)
     with refused_as(context.config.file, "robot.{}, with the helper's hand".format):

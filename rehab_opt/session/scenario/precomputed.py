@@ -32,12 +32,7 @@ SHORTEST = 1e-3
 
 
 def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
-    """The task's points (N, 2) [m] in the robot's frame, and notes; None if demonstrations define them.
-
-    Raises
-    ------
-    ProblemFileError : the recording is not valid, or the points are no path.
-    """
+    """The task's points (N, 2) [m] in the robot's frame, and notes; None if demonstrations define them."""
     task, arm = config.problem.task, config.problem.arm
     if task.points_m is not None:
         points, notes = np.array(task.points_m), []
@@ -57,12 +52,7 @@ def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, lis
 
 
 def refuse_outside(config: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
-    """Refuse a path (N, 2) [m], robot's frame, that leaves `where`: the arm cannot go there.
-
-    Raises
-    ------
-    ProblemFileError : a point lies outside.
-    """
+    """Refuse a path (N, 2) [m], robot's frame, that leaves `where`: the arm cannot go there."""
     away = np.asarray(where.distance(path))
     worst = int(np.argmax(away))
     if not away[worst] <= where.accuracy:
@@ -128,12 +118,7 @@ class Precomputed:
 
 
 def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Precomputed:
-    """Compute workspaces, map, field and intention.
-
-    Raises
-    ------
-    ProblemFileError : a value of the file or a recording is not valid; a workspace is empty; the task is out of reach.
-    """
+    """Compute workspaces, map, field and intention."""
     problem = config.problem
     path, notes = _given_path(config)
     led = learnt(config, path)
@@ -149,7 +134,11 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         there[name] = found
     comfortable, reachable = there["comfortable"], there["reachable"]
     refuse_outside(config, path, reachable)
-    _refuse_stops(config, comfortable)
+    robot, (low, high) = problem.robot, np.array(comfortable.polygon.bounds).reshape(2, 2)
+    if not (np.all(low >= robot.lower_m) and np.all(high <= robot.upper_m)):  # the shoulder is placed wrongly
+        value = f"comfortable workspace from {np.round(low, 3).tolist()} to {np.round(high, 3).tolist()} m"
+        expected = f"within the robot's stops {robot.lower_m} to {robot.upper_m}"
+        raise ProblemFileError(config.file, "arm.shoulder_m", value, expected)
     demonstrated = workspace_map = None
     if problem.mode not in THERAPY and problem.task.mapped:
         progress("map", 0, 1)
@@ -184,16 +173,6 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
         intention=intention,
         notes=tuple(notes),
     )
-
-
-def _refuse_stops(config: ProblemFile[ScenarioProblem], comfortable: Workspace) -> None:
-    """Refuse a robot that does not reach the comfortable workspace: the shoulder is placed wrongly."""
-    low, high = np.array(comfortable.polygon.bounds).reshape(2, 2)
-    robot = config.problem.robot
-    if not (np.all(low >= robot.lower_m) and np.all(high <= robot.upper_m)):
-        value = f"comfortable workspace from {np.round(low, 3).tolist()} to {np.round(high, 3).tolist()} m"
-        expected = f"within the robot's stops {robot.lower_m} to {robot.upper_m}"
-        raise ProblemFileError(config.file, "arm.shoulder_m", value, expected)
 
 
 def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: Workspace) -> ControllerMap:

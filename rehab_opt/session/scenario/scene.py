@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from rehab_opt.session.scenario.problem import REACHES, ScenarioProblem
 from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.systems import System
 from rehab_opt.session.trace import Trace
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Config = ProblemFile[ScenarioProblem]
 FAR = 0.05
@@ -162,6 +159,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
     """The five scenarios of therapy and help."""
 
     schema = ScenarioProblem
+    drawing = "rehab_opt.session.scenario.figures"
     labels = ("law", "trial")
     first = (
         "reference_covered", "from_intended", "success", "final_distance", "deviation", "force_measured", "speed",
@@ -232,9 +230,3 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
         """The file's person, until the live user selects another goal; options as for `run`."""
         return LiveScenario(Task(config, options.get("solver")))
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """See `scenario.figures`."""
-        from rehab_opt.session.scenario.figures import figures  # noqa: PLC0415  (draws)
-
-        return figures(trials_of(outcome))

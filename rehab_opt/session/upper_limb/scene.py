@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,6 @@ from rehab_opt.session.systems import NotMet, System
 from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.drive import DT, bounds_of_drive, driven, hand_and_tilt, law_columns
 from rehab_opt.session.upper_limb.problem import OptimisedSection, PublishedSection, UpperLimb
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Config = ProblemFile[UpperLimb]
 LAWS = ("optimised", "published")
@@ -259,6 +256,7 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
     """System in which the optimised and the published controller follow a recorded hand path."""
 
     schema = UpperLimb
+    drawing = "rehab_opt.session.upper_limb.figures"
     first = (
         "drive: followed", "drive: delay", "drive: position_error", "drive: handle_tilt", "handle_tilt_limit",
         "joint_limit_margin", "status",
@@ -307,13 +305,3 @@ class UpperLimbSystem(System[UpperLimb, FollowedPath]):
         section = config.problem.arm
         (name,) = ranges_by_name(section.range_of_motion)
         return {name: participant_arm(section, file=config.file)}
-
-    def seconds_a_tick(self, problem: UpperLimb) -> float:
-        """NaN, because this system has no ticks: QPs are iterations of the inverse kinematics of a sample."""
-        return math.nan
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """Figures of a run, from the module `upper_limb.figures`."""
-        from rehab_opt.session.upper_limb.figures import figures  # noqa: PLC0415  (draws)
-
-        return figures(outcome)

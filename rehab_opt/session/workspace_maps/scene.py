@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from rehab_opt.session.workspace_maps.problem import WorkspaceMapProblem
 from rehab_opt.session.workspaces.reached import reached
 from rehab_opt.session.workspaces.scene import plane_notes, workspace_metrics
 from rehab_opt.workspace.region import Workspace
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Config = ProblemFile[WorkspaceMapProblem]
 XY = ("x_m", "y_m")
@@ -205,6 +202,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
     """System of maps between two workspaces."""
 
     schema = WorkspaceMapProblem
+    drawing = "rehab_opt.session.workspace_maps.figures"
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, MappedSets]:
         """One scene with both directions; the maps of the two directions are not inverse to each other."""
@@ -235,9 +233,3 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
             at = ENDS.index(trajectory.set)
             said += _outside(trajectory.name, path, scene.sets[at].name, spaces[at])
         return tuple(said)
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """Figures of a run, from the module `workspace_maps.figures`."""
-        from rehab_opt.session.workspace_maps.figures import figures  # noqa: PLC0415  (draws)
-
-        return figures(outcome)

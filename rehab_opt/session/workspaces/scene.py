@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -28,9 +28,6 @@ from rehab_opt.session.workspaces.reached import (
 )
 from rehab_opt.workspace.region import Workspace
 from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class TiltsSection(Section):
@@ -208,6 +205,7 @@ class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
     """System of the reachable workspaces of an arm."""
 
     schema = WorkspaceProblem
+    drawing = "rehab_opt.session.workspaces.figures"
 
     def scenes(self, config: Config, options: Mapping[str, str]) -> dict[Names, ReachedSets]:
         """One scene with all ranges of motion."""
@@ -235,9 +233,3 @@ class WorkspaceSystem(System[WorkspaceProblem, ReachedSets]):
             name: arm_of(arm.side, arm.segments, limits, file=config.file)
             for name, limits in ranges_by_name(arm.range_of_motion).items()
         }
-
-    def figures(self, outcome: Outcome) -> dict[str, Figure]:
-        """Figures of a run, from the module `workspaces.figures`."""
-        from rehab_opt.session.workspaces.figures import figures  # noqa: PLC0415  (draws)
-
-        return figures(outcome)
