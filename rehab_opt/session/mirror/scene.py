@@ -16,6 +16,7 @@ from rehab_opt.control.preview import angles_between
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.vr import FrameFit, Mirror, fit_frame, quaternions_of, robot_from_unity, rotations_of
+from rehab_opt.measures.path import path_length
 from rehab_opt.measures.samples import low_passed
 from rehab_opt.recordings.recording import Recording, size_note, strange_sizes, unseen
 from rehab_opt.session.files import ProblemFile, recording_path
@@ -196,9 +197,9 @@ def path_notes(scene: Setup) -> Iterator[str]:
     yield from strange_sizes(reference)
     if np.ptp(reference.points, axis=0).max() < STILL:
         yield f"the hand stays within {1e3 * STILL:g} mm: it only turns, if at all"
-    rate, whole = 1.0 / (times[1] - times[0]), _way(reference.points)
+    rate, whole = 1.0 / (times[1] - times[0]), path_length(reference.points)
     # Of less than a period nothing can be told.
-    slow = _way(low_passed(reference.points, rate, cutoff_hz=SLOW)) if len(reference.points) > rate else whole
+    slow = path_length(low_passed(reference.points, rate, cutoff_hz=SLOW)) if len(reference.points) > rate else whole
     if whole - slow > TREMBLES * slow:
         longer = f"{1e2 * (whole - slow) / slow:.0f} % longer because of motion above {SLOW:g} Hz"
         yield (
@@ -219,11 +220,6 @@ def path_notes(scene: Setup) -> Iterator[str]:
             f"{waits.size * (times[1] - times[0]):.1f} s in all; meanwhile the hand is led up to "
             f"{1e3 * scene.beyond[waits, 0].max():.0f} mm off its path"
         )
-
-
-def _way(points: Array) -> float:
-    """[m] Length of the path through points (N, 3)."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:

@@ -50,7 +50,6 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     of_step, near = f" ({STYLES[STEP]['label']})", task.near(laws[STEP])
     drawn = {
         "manipulability": _manipulability(task, drives),
-        "position": _position(task, drives),
         "joints": joint_figure(task.robot, joints),
         "pace": _pace(task, drives),
         "causes": _causes(laws, drives),
@@ -107,48 +106,29 @@ def _manipulability(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
     return legend_below(figure)
 
 
-def _position(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
-    allowed = task.problem.tracker.max_deviation_mm
+def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
+    limit, allowed = task.problem.tracker.linear_speed_m_s, task.problem.tracker.max_deviation_mm
     figure = framed(
-        "Position of the driven hand over time, the mirrored hand as reference (broad line), and the distance between "
-        f"them; allowed are {allowed:g} mm. {_n(drives)}",
+        f"Distance of the hand from the mirrored one, at most {allowed:g} mm for a controller with a floor; how the "
+        "reference is slowed in time: seconds of it in a second, and how late it is followed; speed of the tool, at "
+        f"most {limit:g} m/s for a controller with a floor. {_n(drives)}",
         5.2,
     )
-    panels = figure.subplots(4, 1, sharex=True)
-    for i, axes in enumerate(panels[:3]):
-        axes.plot(_times(task), MM * task.setup.reference.poses[:, i, 3], **MIRRORED)
-        for name, drive in drives.items():
-            axes.plot(drive["t_s"], MM * drive["_tool"][:, i, 3], **STYLES[name])
-        if task.astar is not None:
-            axes.plot(_astar_times(task), MM * task.astar.positions[:, i], **ASTAR)
-    for name, drive in drives.items():
-        panels[3].plot(drive["t_s"], MM * drive["deviation_m"], **STYLES[name])
-    panels[3].axhline(allowed, **DASHED, label="allowed distance")
-    furthest = (MM * float(np.nanmax(drives[name]["deviation_m"])) for name in (STEP, PLAN))
-    label_times(panels, "x [mm]", "y [mm]", "z [mm]", "distance [mm]")
-    end_at(panels[3], 1.3 * max(*furthest, 1.0))
-    return legend_below(figure)
-
-
-def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
-    limit = task.problem.tracker.linear_speed_m_s
-    figure = framed(
-        "How the reference is slowed in time: seconds of it in a second, and how late it is followed; speed of the "
-        f"tool, at most {limit:g} m/s for a controller with a floor. {_n(drives)}",
-        4.1,
-    )
-    pace, lag, speed = figure.subplots(3, 1, sharex=True)
+    distance, pace, lag, speed = figure.subplots(4, 1, sharex=True)
     for name, drive in drives.items():
         time = drive["t_s"]
         tool = np.linalg.norm(np.diff(drive["_tool"][:, :3, 3], axis=0), axis=1) / np.diff(time)
         speed.plot(time[1:], tool, **STYLES[name])
+        distance.plot(time, MM * drive["deviation_m"], **STYLES[name])
         if name != BEFORE:
-            pace.plot(time, 100 * drive["pace"], **_unlabelled(name))
-            lag.plot(time, drive["lag_s"], **_unlabelled(name))
-    speed.axhline(limit, **DASHED, label="limit of the speed")
-    label_times((pace, lag, speed), "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]")
-    pace.set_ylim(0, 110 * max(float(drive["pace"].max()) for drive in drives.values()))
-    lag.set_ylim(bottom=0)
+            pace.plot(time, 100 * drive["pace"], **STYLES[name])
+            lag.plot(time, drive["lag_s"], **STYLES[name])
+    distance.axhline(allowed, **DASHED, label="limit")
+    speed.axhline(limit, **DASHED, label="limit")
+    labels = "distance\n[mm]", "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]"
+    label_times((distance, pace, lag, speed), *labels, from_zero=True)
+    furthest = (MM * float(np.nanmax(drives[name]["deviation_m"])) for name in (STEP, PLAN))
+    end_at(distance, 1.3 * max(*furthest, 1.0))
     end_at(speed, 3 * limit)
     return legend_below(figure)
 

@@ -112,6 +112,7 @@ def comparison_figure(of: ScenarioTrials) -> Figure:
             if len(values):
                 axes.plot([values.mean()] * 2, [row - 0.25, row + 0.25], **style)
         axes.set_xlabel(label.format(of.context.problem.task.within_mm))
+        axes.set_xlim(left=None if key == "smoothness_sparc" else 0.0)
         axes.locator_params(axis="x", nbins=3)
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(range(len(laws)), [LAW_NAMES[law] for law in laws])
