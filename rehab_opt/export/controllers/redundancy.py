@@ -30,8 +30,9 @@ from rehab_opt.export.recording import (
     thinned,
     with_faults,
 )  # fmt: skip
+from rehab_opt.kinematics import DriveName
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
-from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import resolver_of
 from rehab_opt.session.ardis.scene import ArdisScene
 from rehab_opt.session.files import ProblemFile

@@ -179,8 +179,8 @@ def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection
         there = next((of for of in labels if np.hypot(*np.subtract(of, place)) < ABOVE), place)
         labels.setdefault(there, []).append(str(i))
     for i, (place, numbers) in enumerate(labels.items()):
-        at = {"xytext": (5, -11 if i % 2 else 4), "textcoords": "offset points", "zorder": 6}
-        axes.annotate(", ".join(numbers), place, color=EVENT, **at)
+        at = (5, -11 if i % 2 else 4)
+        axes.annotate(", ".join(numbers), place, xytext=at, textcoords="offset points", color=EVENT, zorder=6)
     axes.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, left [m]")
 
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from rehab_opt.control.obstacles import Obstacle
+from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.drive import Drive
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import arm_gaps, arm_points, chair_gaps, point_gaps
-from rehab_opt.session.ardis.problem import DriveName, GoalSection
+from rehab_opt.session.ardis.problem import GoalSection
 from rehab_opt.session.outcome import Array, finite, reason_counts, status_counts
 from rehab_opt.session.trace import Trace
 

@@ -8,11 +8,12 @@ from rehab_opt.control.joystick import STICK_MODES, Joystick, StickMode
 from rehab_opt.control.obstacles import Disc, HalfPlane, Obstacle
 from rehab_opt.control.redundancy import RedundancyResolver
 from rehab_opt.errors import ProblemFileError, RobotFileError
+from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.ardis import ARDIS_READY, ardis
 from rehab_opt.kinematics.arm_on_chair import arm_on_chair
 from rehab_opt.kinematics.mobile_arm import CHAIR, MobileArm
 from rehab_opt.session.ardis.clearance import chair_gaps
-from rehab_opt.session.ardis.problem import ArdisProblem, DriveName, RobotSection, RunSection, StickSection
+from rehab_opt.session.ardis.problem import ArdisProblem, RobotSection, RunSection, StickSection
 from rehab_opt.session.ardis.stick import StickRecording, read_stick
 from rehab_opt.session.ardis.user import SimulatedUser
 from rehab_opt.session.clearance import clearance_key, clearance_of

@@ -10,6 +10,7 @@ import numpy as np
 
 from rehab_opt.control.command import Command
 from rehab_opt.control.obstacles import Disc, HalfPlane
+from rehab_opt.kinematics import DriveName
 from rehab_opt.kinematics.mobile_arm import CHAIR
 from rehab_opt.plants.ideal import IdealJoints
 from rehab_opt.plants.plant import Plant
@@ -17,7 +18,7 @@ from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.published.pseudoinverse_law import PseudoinverseLaw
 from rehab_opt.session.ardis.clearance import chair_corners, chair_gaps
 from rehab_opt.session.ardis.measures import motion_metrics
-from rehab_opt.session.ardis.problem import ArdisProblem, DriveName
+from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import joystick_of, resolver_of, robot_of, room_of, start_of, stick_of
 from rehab_opt.session.ardis.steering import NO_ANSWER, Published, Steering
 from rehab_opt.session.ardis.stick import LET_GO, Moment

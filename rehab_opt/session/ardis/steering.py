@@ -88,7 +88,7 @@ class Steering(LiveControl):
         commanded = self.commanded = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)
         self.mode = self._joystick.mode.name
         how: dict[str, Any] = {"enable": inputs.enable, "stamp": self.stamp(seen)}
-        command = self.law.step(seen.position, commanded.twist, commanded.rows, commanded.frame, **how)
+        command: Command = self.law.step(seen.position, commanded.twist, commanded.rows, commanded.frame, **how)
         return command._replace(reason=commanded.reason) if inputs.enable and not command.reason else command
 
     def plant_command(self, command: Command) -> Array:
