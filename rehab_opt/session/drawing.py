@@ -148,6 +148,7 @@ def figure_over_time(
     events: Mapping[str, Sequence[float]] | None = None,
     event: str = "",
     gaps: Gaps = (),
+    styles: Mapping[str, Mapping[str, Any]] = LAW_STYLES,
 ) -> Figure:
     """One row for each panel, one column for each group of traces, one line for each controller of a group.
 
@@ -162,8 +163,8 @@ def figure_over_time(
         for axes, panel in zip(column, panels, strict=True):
             for order, (law, trace) in enumerate(of.items()):
                 # Dashes over what they agree with.
-                style = {**LAW_STYLES[law], "zorder": 4 + 0.5 * order}
-                axes.plot(trace["t_s"], panel.of(trace), **style, label=LAW_NAMES[law])
+                style = {"label": LAW_NAMES.get(law, law), **styles[law], "zorder": 4 + 0.5 * order}
+                axes.plot(trace["t_s"], panel.of(trace), **style)
             for i, when in enumerate((events or {}).get(group, ()), start=1):
                 axes.axvline(when, color=EVENT, linewidth=THIN, label=event if i == 1 else None)
                 at = {"xycoords": ("data", "axes fraction"), "va": "top"}

@@ -16,11 +16,10 @@ from rehab_opt.session.drawing import (
     NARROW,
     OKABE_ITO,
     REFERENCE,
-    THIN,
-    end_at,
+    Panel,
+    figure_over_time,
     framed,
     joint_figure,
-    label_times,
     legend_below,
     servo_figure,
 )
@@ -38,7 +37,6 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
 }
 ASTAR: Mapping[str, Any] = {**LAW_STYLES["published"], "label": "published A*"}
 MIRRORED: Mapping[str, Any] = {"color": REFERENCE, "linewidth": BROAD, "alpha": 0.25, "label": "mirrored hand"}
-DASHED: Mapping[str, Any] = {"color": REFERENCE, "linewidth": THIN, "linestyle": "--"}
 CAUSE_COLOURS = ("#009E73", "#F0E442", "#CC79A7", "#D55E00", "#56B4E9", "#0072B2", "#000000")
 
 
@@ -108,29 +106,25 @@ def _manipulability(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
 
 def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
     limit, allowed = task.problem.tracker.linear_speed_m_s, task.problem.tracker.max_deviation_mm
-    figure = framed(
+    furthest = (MM * float(np.nanmax(drives[name]["deviation_m"])) for name in (STEP, PLAN))
+
+    def speed(of: Trace) -> Array:
+        place = of["_tool"][:, :3, 3]
+        return np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1) / (of["t_s"][1] - of["t_s"][0])
+
+    return figure_over_time(
         f"Distance of the hand from the mirrored one, at most {allowed:g} mm for a controller with a floor; how the "
         "reference is slowed in time: seconds of it in a second, and how late it is followed; speed of the tool, at "
-        f"most {limit:g} m/s for a controller with a floor. {_n(drives)}",
-        5.2,
+        f"most {limit:g} m/s for a controller with a floor.",
+        {"": drives},
+        (
+            Panel("distance\n[mm]", lambda of: MM * of["deviation_m"], allowed, high=1.3 * max(*furthest, 1.0)),
+            Panel("speed of the\nreference [%]", lambda of: 100 * of["pace"]),
+            Panel("lag [s]", lambda of: of["lag_s"]),
+            Panel("speed of the\ntool [m/s]", speed, limit, high=3 * limit),
+        ),
+        styles=STYLES,
     )
-    distance, pace, lag, speed = figure.subplots(4, 1, sharex=True)
-    for name, drive in drives.items():
-        time = drive["t_s"]
-        tool = np.linalg.norm(np.diff(drive["_tool"][:, :3, 3], axis=0), axis=1) / np.diff(time)
-        speed.plot(time[1:], tool, **STYLES[name])
-        distance.plot(time, MM * drive["deviation_m"], **STYLES[name])
-        if name != BEFORE:
-            pace.plot(time, 100 * drive["pace"], **STYLES[name])
-            lag.plot(time, drive["lag_s"], **STYLES[name])
-    distance.axhline(allowed, **DASHED, label="limit")
-    speed.axhline(limit, **DASHED, label="limit")
-    labels = "distance\n[mm]", "speed of the\nreference [%]", "lag [s]", "speed of the\ntool [m/s]"
-    label_times((distance, pace, lag, speed), *labels, from_zero=True)
-    furthest = (MM * float(np.nanmax(drives[name]["deviation_m"])) for name in (STEP, PLAN))
-    end_at(distance, 1.3 * max(*furthest, 1.0))
-    end_at(speed, 3 * limit)
-    return legend_below(figure)
 
 
 def _causes(laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:

@@ -18,15 +18,15 @@ from rehab_opt.session.drawing import (
     MM,
     NARROW,
     REFERENCE,
-    THIN,
+    Panel,
+    figure_over_time,
     framed,
     joint_figure,
-    label_times,
     labelled_gaps,
     legend_below,
-    mark_gaps,
 )
 from rehab_opt.session.outcome import Array, Outcome
+from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.drive import law_columns
 
 if TYPE_CHECKING:
@@ -78,27 +78,21 @@ def _hand_path(outcome: Outcome, scene: Any, of: dict[str, dict[str, Any]]) -> F
 
 def _errors(scene: Any, time: Array, reachable: NDArray[np.bool_] | None, of: dict[str, dict[str, Any]]) -> Figure:
     limit = scene.problem.arm.handle_tilt_deg
-    figure = framed(
+    figure = figure_over_time(
         "Distance of the driven hand from the reference, tilt of the handle from the vertical (at most "
-        f"{limit:g} deg), and how much later than the recording the hand is there. n = {len(time)} samples.",
-        4.4,
+        f"{limit:g} deg), and how much later than the recording the hand is there, over the recording's time; shaded: "
+        "path out of this arm's reach.",
+        {"": {law: Trace({**each, "t_s": time}) for law, each in of.items()}},
+        (
+            Panel("position error\n[mm]", lambda of: MM * of["drive_position_error_m"]),
+            Panel("handle tilt\n[deg]", lambda of: np.rad2deg(of["drive_handle_tilt_rad"]), limit),
+            Panel("delay [s]", lambda of: of["drive_t_s"] - of["t_s"]),
+        ),
+        gaps=scene.recording.gaps,
     )
-    panels = distance, tilt, delay = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
-    for law, each in of.items():
-        distance.plot(time, MM * each["drive_position_error_m"], **LAW_STYLES[law], label=LAW_NAMES[law])
-        tilt.plot(time, np.rad2deg(each["drive_handle_tilt_rad"]), **LAW_STYLES[law])
-        delay.plot(time, each["drive_t_s"] - time, **LAW_STYLES[law])
-    tilt.axhline(limit, color=REFERENCE, linewidth=THIN, linestyle="--", label=f"limit of {limit:g} deg")
-    if reachable is not None and not reachable.all():
-        for axes in panels:
-            _shade_missed(axes, time, ~reachable)
-        distance.plot([], [], color=MISSED, linewidth=2 * BROAD, alpha=0.3, label="path out of this arm's reach")
-    mark_gaps(panels, scene.recording.gaps)
-    labels = "position error [mm]", "handle tilt [deg]", "delay [s]"
-    label_times(panels, *labels, time="time of the recording [s]", from_zero=True)
-    distance.set_ylim(0, max(1.0, 1.08 * max(float(MM * each["drive_position_error_m"].max()) for each in of.values())))
-    tilt.set_ylim(0, max(1.25 * limit, tilt.dataLim.y1 * 1.08))
-    return legend_below(figure)
+    for axes in figure.axes if reachable is not None else ():
+        _shade_missed(axes, time, ~reachable)
+    return figure
 
 
 def _shade_missed(axes: Axes, time: Array, missed: NDArray[np.bool_]) -> None:
