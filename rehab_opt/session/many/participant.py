@@ -15,19 +15,6 @@ from rehab_opt.session.report import write_results
 from rehab_opt.session.run import run_problem
 from rehab_opt.text_file import is_formula, shown
 
-__all__ = [
-    "COVARIATES",
-    "Cell",
-    "Participant",
-    "PersonResult",
-    "checked_name",
-    "flat_numbers",
-    "unnamed",
-    "without_twins",
-    "work_on",
-]
-
-
 COVARIATES = ("session", "group", "condition", "visit", "date")
 """Columns of a table that are labels for a study and for `groups.csv`, not keys of a problem."""
 LONGEST_NAME = 100

@@ -20,9 +20,6 @@ from rehab_opt.session.files import problem_content, problem_path
 from rehab_opt.session.many.participant import COVARIATES, Participant, checked_name, unnamed, without_twins
 from rehab_opt.text_file import DEEPEST_KEY, MAX_TABLE_SIZE, check_key_depth, header_cells, number_in, shown, whole_text
 
-__all__ = ["cell_value", "participants_in_folder", "participants_of", "replaced"]
-
-
 BASE = "upper_limb/workspace"
 NAME = "participant"
 ENDS = {"lower": 0, "upper": 1}

@@ -17,8 +17,6 @@ from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
 from typing import Any, TypeVar
 
-__all__ = ["WorkerDiedError", "answers", "cores"]
-
 T = TypeVar("T")
 A = TypeVar("A")
 

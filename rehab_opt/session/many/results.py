@@ -19,11 +19,6 @@ from rich.text import Text
 from rehab_opt.session.many.participant import Cell, PersonResult
 from rehab_opt.text_file import is_formula, write_whole
 
-__all__ = [
-    "DONE", "FAILED", "NOT_RUN", "REFUSED", "ResultRow", "counted", "failed_table", "forget", "keep", "kept_row",
-    "write_groups", "write_parquet", "write_rows",
-]  # fmt: skip
-
 DONE, REFUSED, FAILED, NOT_RUN = "done", "refused", "failed", "not run"
 """Status of a row: computed; invalid input; failed computation; not started when the batch was interrupted."""
 MARK = "result.json"

@@ -29,8 +29,6 @@ from rehab_opt.session.many.results import (
 from rehab_opt.session.outcome import Progress
 from rehab_opt.text_file import shown
 
-__all__ = ["GROUPS", "PARQUET", "RESULTS", "run_many"]
-
 RESULTS, PARQUET, GROUPS = "results.csv", "results.parquet", "groups.csv"
 LONGEST_ERROR = 400
 
