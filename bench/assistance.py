@@ -23,7 +23,7 @@ from bench.verdict import Verdict, all_met, print_verdicts
 from rehab_opt import Assistance, PotentialField, Workspace
 from rehab_opt.field.assembly import assembled
 from rehab_opt.field.demonstration import Demonstration
-from rehab_opt.field.weights import energies_and_forces
+from rehab_opt.field.energy import energies_and_forces, field_kernel
 
 __all__ = ["main"]
 
@@ -200,7 +200,7 @@ def merging_error(field: PotentialField) -> float:
         along="remaining", width=field.width, target=field.target, most=10**9,
     )  # fmt: skip
     x = np.random.default_rng(1).uniform((-0.2, 0.35), (0.2, 0.5), (40, 2))
-    errors = np.linalg.norm(energies_and_forces(whole, field.width, x)[1] - field.force(x), axis=1)
+    errors = np.linalg.norm(energies_and_forces(field_kernel(whole, field.width).mine, x)[1] - field.force(x), axis=1)
     return float(np.median(errors))
 
 

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rehab_opt.field.energy import energies_and_forces, field_kernel
 from rehab_opt.field.samples import Samples
-from rehab_opt.field.weights import energies_and_forces
 
 __all__ = ["REACH", "PathEnd", "at_rest", "reflected"]
 
@@ -53,7 +53,7 @@ def at_rest(samples: Samples, target: Array, width: float) -> Samples:
     if not len(mirrored.points):
         return samples
     whole = samples.joined(mirrored)
-    force = energies_and_forces(whole, width, target[None])[1][0]
+    force = energies_and_forces(field_kernel(whole, width, compile=False).mine, target[None])[1][0]
     square = ((whole.points - target) ** 2).sum(axis=1) / (2 * width**2)
     weights = np.exp(whole.log_weights - square)
     fraction = weights[len(samples.points) :].sum() / weights.sum()

@@ -24,11 +24,13 @@ from rehab_opt.symbolic.compiled import how
 __all__ = [
     "Kernel",
     "arranged_samples",
+    "energies_and_forces",
     "field_function",
     "field_function_in_blocks",
     "field_kernel",
     "field_table",
     "filled_up",
+    "stiffness_at",
 ]
 
 BLOCK = 10
@@ -61,6 +63,24 @@ def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> 
         return Kernel(point.data, energy.data, force.data, owner)
 
     return PerThread(kernel)
+
+
+def energies_and_forces(kernel: Kernel, points: NDArray[np.float64]) -> tuple[Any, Any]:
+    """(N,) Phi [J] and (N, 2) -grad Phi [N] at `points` (N, 2)."""
+    energies, forces = np.empty(len(points)), np.empty((len(points), 2))
+    for i, (x, y) in enumerate(points.tolist()):
+        kernel.point[0], kernel.point[1] = x, y
+        kernel.function.evaluate()
+        energies[i], forces[i] = kernel.energy[0], kernel.force
+    return energies, forces
+
+
+def stiffness_at(samples: Samples, width: float, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, 2) [N/m] second derivative of Phi at `point` (2,)."""
+    size = len(samples.points)
+    inputs = [ca.MX.sym("x", 2), ca.MX.sym("samples", size, 8), ca.MX.sym("sharpness")]
+    curved = ca.Function("stiffness", inputs, [-ca.jacobian(field_function(size)(*inputs)[1], inputs[0])])
+    return np.asarray(curved(point, field_table(samples)[:size], 1 / width**2).full())
 
 
 def arranged_samples(samples: Samples, *, compile: Compile = None) -> tuple[NDArray[np.float64], bool]:

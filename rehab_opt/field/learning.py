@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError, RehabOptError
 from rehab_opt.field.assembly import assembled, rest_point
 from rehab_opt.field.demonstration import Demonstration, check_agreement, check_closeness, check_units
+from rehab_opt.field.energy import energies_and_forces, field_kernel
 from rehab_opt.field.fit import Fit, constant_stiffness_error, identified, rms
 from rehab_opt.field.potential import PotentialField, sample_spacing
 from rehab_opt.field.samples import SampledPath, checked_paths, mean_path, resampled_path
-from rehab_opt.field.weights import energies_and_forces
 from rehab_opt.kinematics.real_array import is_real, positive
 from rehab_opt.optim.backends import backend
 from rehab_opt.optim.certificate import certificate_function, is_certified
@@ -201,7 +201,7 @@ def force_columns(paths: Sequence[SampledPath], width: float, points: Array, *, 
             width=width,
             target=target,
         )
-        forces[:, :, column] = energies_and_forces(samples, width, points)[1]
+        forces[:, :, column] = energies_and_forces(field_kernel(samples, width, compile=False).mine, points)[1]
     return forces
 
 

@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.field.arguments import as_point, as_points, checked_drag, path_stiffness, per_axis
 from rehab_opt.field.assembly import DragAlong, assembled, rest_point
-from rehab_opt.field.energy import Kernel, field_kernel
+from rehab_opt.field.energy import Kernel, energies_and_forces, field_kernel, stiffness_at
 from rehab_opt.field.samples import SampledPath, Samples, checked_paths, resampled_path
 from rehab_opt.field.settling import fitting_damping
-from rehab_opt.field.weights import energies_and_forces, stiffness_at
 from rehab_opt.kinematics.real_array import checked_array, positive
 
 if TYPE_CHECKING:
@@ -183,7 +182,7 @@ class PotentialField:
         if points.shape == (2,):
             self.pull(float(points[0]), float(points[1]))
             return float(self._kernel.mine.energy[0])
-        return energies_and_forces(self.samples, self.width, points)[0]
+        return np.asarray(energies_and_forces(self._kernel.mine, points)[0])
 
     def force(self, x: ArrayLike, v: ArrayLike | None = None) -> Array:
         """F [N] at x (2,) or (N, 2) [m] for hand velocities v of the same shape [m/s], zero by default.
@@ -194,7 +193,7 @@ class PotentialField:
         if points.shape == (2,):
             force = np.array(self.pull(float(points[0]), float(points[1])))
         else:
-            force = energies_and_forces(self.samples, self.width, points)[1]
+            force = np.asarray(energies_and_forces(self._kernel.mine, points)[1])
         if v is None:
             return force
         velocity = checked_array("v", v, f"numbers (shape {force.shape}) in metres per second")

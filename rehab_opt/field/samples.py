@@ -59,11 +59,6 @@ class Samples(NamedTuple):
         """One sample for each of points (m, 2)."""
         return cls(points, offsets, stiffness, np.zeros(len(points)), np.zeros_like(points))
 
-    def energies(self, away: Array) -> Array:
-        """(..., K) phi [J] of each sample at a point `away` (..., K, 2) [m] from it."""
-        energies: Array = self.offsets + ((self.lean + 0.5 * self.stiffness * away) * away).sum(axis=-1)
-        return energies
-
     def joined(self, other: Samples) -> Samples:
         """These samples followed by `other`."""
         return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))

@@ -131,8 +131,6 @@ def group_range(
     *,
     cover: float = 0.5,
     pronation_zero: float = 0.0,
-    lower_percentile: float = 0.0,
-    upper_percentile: float = 100.0,
 ) -> ReachGroup:
     """Range of the model's joints that a group used in a task.
 
@@ -141,25 +139,20 @@ def group_range(
     cover : fraction of limbs whose lower limit is not below the group's, and likewise for the upper limit: 0.5 is the
         typical limb, 0.95 nearly the whole group.
     pronation_zero : [rad] the files' pronation when the palm of the hanging arm faces forward; 0 by convention.
-    lower_percentile, upper_percentile : percentiles of a limb's samples over its reach, for its own limits. The rows
-        are smooth means of several reaches, so the defaults are their extremes.
 
     Raises
     ------
-    ConfigurationError : `cover` outside 0.5 to 1, percentiles out of order.
+    ConfigurationError : `cover` outside 0.5 to 1.
     """
     if not 0.5 <= real_number(cover) <= 1:
         raise ConfigurationError("cover", cover, "a fraction from 0.5 to 1")
-    if not 0 <= real_number(lower_percentile) < real_number(upper_percentile) <= 100:
-        value = (lower_percentile, upper_percentile)
-        raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
     if not abs(real_number(pronation_zero)) <= math.pi:
         raise ConfigurationError("pronation_zero", pronation_zero, "an angle within half a turn")
     columns = {angle.column: angle for angle in CLINICAL_ANGLES}
     rows = {column: len(reach.angles[column]) for column in columns}
     limits, spread, trials, samples = {}, {}, {}, {}
     for joint, curves in _model_curves(reach.angles, pronation_zero).items():
-        lowers, uppers = np.percentile(curves, [lower_percentile, upper_percentile], axis=-1)
+        lowers, uppers = curves.min(axis=-1), curves.max(axis=-1)  # of smooth means of several reaches
         limits[joint] = (float(np.quantile(lowers, 1 - cover)), float(np.quantile(uppers, cover)))
         spread[joint] = (_deviation(lowers), _deviation(uppers))
         trials[joint] = min(rows[column] for column, angle in columns.items() if joint in angle.joints)
@@ -167,7 +160,7 @@ def group_range(
     notes = (f"{task_title(reach.task)}, {reach.group}", *ASSUMPTIONS, *reach.notes)
     if pronation_zero:
         notes += (f"pronation counted from {math.degrees(pronation_zero):.1f} deg of the files",)
-    used = UsedRange({joint: limits[joint] for joint in ARM_JOINTS}, samples, trials, {}, (), notes)
+    used = UsedRange({joint: limits[joint] for joint in ARM_JOINTS}, samples, trials, {}, notes)
     return ReachGroup(reach.task, reach.group, used, spread, rows, reach.left_out)
 
 

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 STARTS = 6
 """Number of known points with the nearest images that Newton's method tries as starts."""
 STEPS, HALVINGS = 30, 12
+ROWS = 32
+"""Number of points that are evaluated together."""
 BEYOND = 1e100
 """[m] Coordinates whose squares overflow."""
 CONVERGED = 1e-13
@@ -35,9 +37,15 @@ class PlaneMap(ABC):
     NaN in gives NaN out; numbers never raise.
     """
 
-    @abstractmethod
     def evaluate(self, points: Array) -> tuple[Array, Array]:
         """Images (M, 2) [m] and Jacobians (M, 2, 2) of points (M, 2) [m]."""
+        found, some = np.empty((len(points), 6)), self._rows.mine
+        for first in range(0, len(points), ROWS):
+            rows = points[first : first + ROWS]
+            some.inputs[0].T[: len(rows)] = rows
+            some.evaluate()
+            found[first : first + ROWS] = some.outputs[0].T[: len(rows)]
+        return found[:, :2], found[:, 2:].reshape(-1, 2, 2).transpose(0, 2, 1)
 
     def values(self, points: Array) -> Array:
         """Images (M, 2) [m] of points (M, 2) [m]."""
@@ -152,6 +160,13 @@ class PlaneMap(ABC):
         return PerThread(lambda: BufferedFunction(image))
 
     @cached_property
+    def _rows(self) -> PerThread[BufferedFunction]:
+        point = ca.MX.sym("point", 2)
+        both = ca.vertcat(*(ca.vec(each) for each in self._masked(point)))
+        rows = ca.Function("plane_row", [point], [both]).map(ROWS)
+        return PerThread(lambda: BufferedFunction(rows))
+
+    @cached_property
     def _both(self) -> PerThread[BufferedFunction]:
         return PerThread(lambda: BufferedFunction(self.statement))
 
@@ -163,7 +178,7 @@ class PlaneMap(ABC):
                     each.flags.writeable = False
 
     def __getstate__(self) -> dict[str, Any]:
-        made = ("_tree", "statement", "_one", "_both")
+        made = ("_tree", "statement", "_one", "_both", "_rows")
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

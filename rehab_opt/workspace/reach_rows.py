@@ -87,10 +87,10 @@ class ReachAngles:
         return type(self), (self.task, self.group, dict(self.angles), self.left_out, self.notes)
 
 
-def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tuple[ReachAngles, ReachAngles]:
+def read_cp_reach(folder: Path, task: str) -> tuple[ReachAngles, ReachAngles]:
     """Angles of both groups (in the order of `GROUPS`) in one task, from `{task}_MEAN_{column}.csv`.
 
-    Rows with a suspected wrong sign (`flip_suspects`) are left out and listed, unless `keep_suspects`. A note names
+    Rows with a suspected wrong sign (`flip_suspects`) are left out and listed. A note names
     groups with identical rows under two columns, because one of these files must be wrong.
 
     Raises
@@ -116,7 +116,7 @@ def read_cp_reach(folder: Path, task: str, *, keep_suspects: bool = False) -> tu
         lines, groups, angles = _table(path)
         for group in range(len(GROUPS)):
             rows, at = signs.get(column, 1) * angles[groups == group], lines[groups == group]
-            turned = np.zeros(len(rows), dtype=bool) if keep_suspects else flip_suspects(rows)
+            turned = flip_suspects(rows)
             typical = float(np.median(rows.mean(axis=1)))
             left_out[group].extend(
                 Suspect(path.name, int(at[i]), float(rows[i].mean()), typical) for i in np.flatnonzero(turned)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,11 +53,6 @@ class ReachabilityMap:
         return type(self), (self.x, self.y, self.grid, self.workspaces, self.weights)  # pickle forgets what is frozen
 
     @property
-    def trials(self) -> float:
-        """Effective number of trials, 1 / sum(weights^2): n for equal weights (Kish)."""
-        return float(1 / np.sum(self.weights**2))
-
-    @property
     def empty(self) -> int:
         """Number of trials in which no point of the plane was reachable."""
         return sum(workspace.empty for workspace in self.workspaces)
@@ -69,28 +63,12 @@ class ReachabilityMap:
         found = fractions(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found
 
-    def standard_error(self, points: ArrayLike) -> Array | float:
-        """Binomial standard error of `probability`, sqrt(p (1 - p) / trials). Zero at p = 0 and 1: see `interval`."""
-        p = np.asarray(self.probability(points))
-        error = np.sqrt(p * (1 - p) / self.trials)
-        return float(error) if error.ndim == 0 else np.asarray(error)
-
-    def interval(self, points: ArrayLike, *, confidence: float = 0.95) -> tuple[Array, Array]:
-        """Wilson's confidence interval for the probability of reaching each point.
-
-        Trials count as independent. For randomly drawn ranges it is the sampling error, not the uncertainty about the
-        person.
-        """
-        return _wilson(np.asarray(self.probability(points)), self.trials, confidence)
-
-    def region(self, at_least: float = 0.9, *, confidence: float | None = None) -> Workspace:
+    def region(self, at_least: float = 0.9) -> Workspace:
         """Points reachable in at least that fraction of the trials, from the overlaid polygons (not from the grid).
 
         Parameters
         ----------
         at_least : fraction, above 0, at most 1.
-        confidence : if given, the lower end of the Wilson interval must reach `at_least` instead of the fraction
-            itself. Ten trials that all reach a point give 0.72 at 95 %.
 
         Returns
         -------
@@ -102,8 +80,7 @@ class ReachabilityMap:
         if not 0 < real_number(at_least) <= 1:
             raise ConfigurationError("at_least", at_least, "a fraction above 0, at most 1")
         faces, seen = self._overlay
-        promised = seen if confidence is None else _wilson(seen, self.trials, confidence)[0]
-        polygon = _union(faces[promised >= at_least - ROUNDING])
+        polygon = _union(faces[seen >= at_least - ROUNDING])
         first = self.workspaces[0]
         return Workspace(
             polygon,
@@ -154,13 +131,3 @@ def _union(faces: NDArray[Any]) -> Any:
 
     union = shapely.unary_union(faces) if len(faces) else shapely.Polygon()
     return union if isinstance(union, shapely.Polygon | shapely.MultiPolygon) else shapely.Polygon()
-
-
-def _wilson(fraction: Array, trials: float, confidence: float) -> tuple[Array, Array]:
-    """Wilson's score interval (E. B. Wilson, 1927) for fractions of `trials` trials."""
-    if not 0 < real_number(confidence) < 1:
-        raise ConfigurationError("confidence", confidence, "a probability between 0 and 1")
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
-    middle = (fraction + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    half = z * np.sqrt(fraction * (1 - fraction) / trials + z**2 / (4 * trials**2)) / (1 + z**2 / trials)
-    return np.asarray(np.clip(middle - half, 0, fraction)), np.asarray(np.clip(middle + half, fraction, 1))

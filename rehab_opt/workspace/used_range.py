@@ -31,7 +31,6 @@ class UsedRange(Mapping[str, tuple[float, float]]):
     ----------
     limits : (lower, upper) [rad] by name.
     samples, trials, gaps : by name, numbers of samples and trials behind a range, and number of missing samples.
-    assumed : names whose range comes from the caller's default, not from data.
     notes : remarks for readers of a result.
     """
 
@@ -39,7 +38,6 @@ class UsedRange(Mapping[str, tuple[float, float]]):
     samples: Mapping[str, int] = field(default_factory=dict)
     trials: Mapping[str, int] = field(default_factory=dict)
     gaps: Mapping[str, int] = field(default_factory=dict)
-    assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -59,27 +57,16 @@ class UsedRange(Mapping[str, tuple[float, float]]):
     def __len__(self) -> int:
         return len(self.limits)
 
-    @property
-    def covered(self) -> tuple[str, ...]:
-        """Names whose range comes from data."""
-        return tuple(name for name in self.limits if name not in self.assumed)
-
-    @property
-    def uncovered(self) -> tuple[str, ...]:
-        """Joints of the arm model without data, whether assumed or missing."""
-        return tuple(name for name in ARM_JOINTS if name not in self.covered)
-
     def __repr__(self) -> str:
         ranges = [
-            f"{name} {math.degrees(lower):.1f}..{math.degrees(upper):.1f} deg "
-            + ("assumed" if name in self.assumed else f"({self.trials.get(name, 0)} trials)")
+            f"{name} {math.degrees(lower):.1f}..{math.degrees(upper):.1f} deg ({self.trials.get(name, 0)} trials)"
             for name, (lower, upper) in self.limits.items()
         ]
         return f"UsedRange(range used, not the range possible: {', '.join(ranges)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = (dict(self.limits), dict(self.samples), dict(self.trials), dict(self.gaps))
-        return type(self), (*parts, self.assumed, self.notes)  # a mapping proxy cannot be pickled
+        return type(self), (*parts, self.notes)  # a mapping proxy cannot be pickled
 
 
 def range_of_motion(
@@ -89,9 +76,7 @@ def range_of_motion(
     lower_percentile: float = 5.0,
     upper_percentile: float = 95.0,
     margin: float = 0.0,
-    minimum_width: float = 0.0,
     within: str | Mapping[str, Sequence[float]] | None = None,
-    uncovered: str | Mapping[str, Sequence[float]] | None = None,
     minimum_samples: int = 10,
 ) -> UsedRange:
     """Range of each joint that was used in joint-angle recordings.
@@ -106,19 +91,16 @@ def range_of_motion(
     names : the n column names of arrays; default `ARM_JOINTS` if n is 8.
     lower_percentile, upper_percentile : of all samples of all trials together, 0 <= lower < upper <= 100.
     margin : [rad] added at both ends.
-    minimum_width : [rad] narrower ranges are widened about their middle, after the margin.
     within : anatomical limits, (lower, upper) [rad] by joint or a name of `human_arm`, to which ranges are finally
         clipped, with a note.
-    uncovered : ranges for joints of the arm model without data: by joint or a name of `human_arm`; they are listed as
-        `assumed`. By default such joints are left out.
     minimum_samples : least number of finite samples of a joint.
 
     Raises
     ------
     ConfigurationError : too few finite samples of a joint, angles in degrees, a range wholly outside `within`, an
-        unknown name, an invalid percentile, width or margin.
+        unknown name, an invalid percentile or margin.
     """
-    _check_numbers(lower_percentile, upper_percentile, margin, minimum_width, minimum_samples)
+    _check_numbers(lower_percentile, upper_percentile, margin, minimum_samples)
     trials_of = joint_trials(angles, names)
     bounds = {} if within is None else named_ranges("within", within)
     for name in bounds:
@@ -138,43 +120,23 @@ def range_of_motion(
         values = one_branch(name, seen, bounds.get(name))
         lower, upper = np.sort(np.percentile(values, [lower_percentile, upper_percentile])).tolist()
         lower, upper = lower - margin, upper + margin
-        if upper - lower < minimum_width:
-            middle = (lower + upper) / 2
-            lower, upper = middle - minimum_width / 2, middle + minimum_width / 2
         if name in bounds:
             lower, upper = _cut(name, (lower, upper), bounds[name], notes)
         limits[name] = (lower, upper)
         if gaps[name]:
             notes.append(f"{name}: {gaps[name]} of {gaps[name] + samples[name]} samples missing")
-    assumed = _assumed(limits, uncovered)
-    if assumed:
-        notes.append(f"not in the data, assumed: {', '.join(assumed)}")
-        limits |= assumed
     ordered = [name for name in ARM_JOINTS if name in limits] + [name for name in limits if name not in ARM_JOINTS]
-    return UsedRange({name: limits[name] for name in ordered}, samples, trials, gaps, tuple(assumed), tuple(notes))
+    return UsedRange({name: limits[name] for name in ordered}, samples, trials, gaps, tuple(notes))
 
 
-def _check_numbers(lower: float, upper: float, margin: float, minimum_width: float, minimum_samples: int) -> None:
+def _check_numbers(lower: float, upper: float, margin: float, minimum_samples: int) -> None:
     if not 0 <= real_number(lower) < real_number(upper) <= 100:
         value = (lower, upper)
         raise ConfigurationError("lower_percentile, upper_percentile", value, "0 <= lower < upper <= 100")
-    for argument, width in (("margin", margin), ("minimum_width", minimum_width)):
-        if not 0 <= real_number(width) < math.inf:
-            raise ConfigurationError(argument, width, "a finite angle of 0 or more")
+    if not 0 <= real_number(margin) < math.inf:
+        raise ConfigurationError("margin", margin, "a finite angle of 0 or more")
     if not real_number(minimum_samples) >= 1:
         raise ConfigurationError("minimum_samples", minimum_samples, "1 or more")
-
-
-def _assumed(limits: Limits, uncovered: str | Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
-    """Ranges from the caller's default for joints without data."""
-    missing = [name for name in ARM_JOINTS if name not in limits] if uncovered is not None else []
-    if not missing:
-        return {}
-    defaults = named_ranges("uncovered", uncovered)
-    absent = [name for name in missing if name not in defaults]
-    if absent:
-        raise ConfigurationError("uncovered", sorted(defaults), f"ranges of {', '.join(absent)} too")
-    return {name: defaults[name] for name in missing}
 
 
 def named_ranges(argument: str, ranges: object) -> dict[str, tuple[float, float]]:

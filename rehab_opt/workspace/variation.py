@@ -37,13 +37,12 @@ def varied_ranges(
     spread: float | Mapping[str, float | Sequence[float]],
     count: int,
     seed: int,
-    keep_locked: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], ...]:
     """`count` ranges of motion, each valid as `human_arm(range_of_motion=...)`.
 
     Each lower and upper limit is normal about the nominal one, cut at two standard deviations, so its own standard
     deviation is 0.88 of the stated one. Limits are independent, but inverted pairs are drawn again. Real limits of one
-    person tend to vary together instead.
+    person tend to vary together instead. Joints with equal limits stay locked.
 
     Parameters
     ----------
@@ -51,7 +50,6 @@ def varied_ranges(
     spread : [rad] standard deviation of every limit, or by joint, for both limits or (lower, upper). Missing joints do
         not vary. `ReachGroup.spread` has this form.
     count, seed : number of draws, and seed. Equal seeds give equal ranges; a larger count begins with the same ones.
-    keep_locked : whether joints with equal limits stay locked.
 
     Raises
     ------
@@ -72,7 +70,7 @@ def varied_ranges(
     for _ in range(count):
         limits = {}
         for name, (lower, upper) in nominal.items():
-            kept = (keep_locked and lower == upper) or deviations[name] == (0.0, 0.0)
+            kept = lower == upper or deviations[name] == (0.0, 0.0)
             limits[name] = (lower, upper) if kept else _pair((lower, upper), deviations[name], rng)
         drawn.append(limits)
     return tuple(drawn)

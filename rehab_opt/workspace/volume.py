@@ -10,13 +10,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.real_array import checked_array, real_array
+from rehab_opt.kinematics.real_array import real_array
 from rehab_opt.symbolic import Compile
-from rehab_opt.workspace.layered_mesh import SurfaceMesh, closed_mesh, edges_of_slabs, padded, signed_distances
+from rehab_opt.workspace.layered_mesh import SurfaceMesh, closed_mesh, edges_of_slabs
 from rehab_opt.workspace.placement import ShoulderPlacement
 from rehab_opt.workspace.plane_statement import PlaneStatement
 from rehab_opt.workspace.point_arguments import real_number
@@ -86,39 +86,6 @@ class ReachableVolume:
             for each, thickness in zip(self.slices, self._thickness, strict=True)
         ]
         return float(sum(between) + sum(outlines))
-
-    def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
-        """Whether points (3,) -> bool or (N, 3) -> (N,) [m] in the robot's frame are inside the mesh.
-
-        It interpolates the signed distances of the slices below and above.
-        """
-        at = checked_array("points", points, "numbers")
-        if at.shape[-1:] != (3,) or at.ndim > 2:
-            raise ConfigurationError("points", f"shape {at.shape}", "points of shape (3,) or (N, 3)")
-        inside = self._contained(at.reshape(-1, 3))
-        return bool(inside[0]) if at.ndim == 1 else inside
-
-    def _contained(self, points: Array) -> NDArray[np.bool_]:
-        inside = np.zeros(len(points), dtype=bool)
-        if self.empty:
-            return inside
-        levels = np.concatenate(
-            [[2 * self.heights[0] - self.heights[1]], self.heights, [2 * self.heights[-1] - self.heights[-2]]]
-        )
-        z = points[:, 2] - self.slices[0].placement.position[2]
-        finite = np.isfinite(points).all(axis=1)
-        gap = np.where(finite, np.searchsorted(levels, z), 0)
-        for i in range(1, len(levels)):
-            here = np.flatnonzero((gap == i) & finite)
-            if not len(here):
-                continue
-            flat = points[here, :2]
-            first, last = max(i - 3, 0), min(i + 1, len(self.slices))  # with the neighbours that fill an empty one
-            layers = padded(np.stack([signed_distances(each.polygon, flat) for each in self.slices[first:last]]))
-            fraction = (z[here] - levels[i - 1]) / (levels[i] - levels[i - 1])
-            below = layers[i - 1 - first]
-            inside[here] = (1 - fraction) * below + fraction * layers[i - first] < 0
-        return inside
 
     @cached_property
     def _thickness(self) -> Array:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from rehab_opt import ConfigurationError, PotentialField
 from rehab_opt.field.assembly import assembled
+from rehab_opt.field.energy import energies_and_forces, field_kernel
 from rehab_opt.field.samples import arc_length, resampled_path
-from rehab_opt.field.weights import energies_and_forces
 from tests.refusals import refuses
 
 S = np.linspace(0.0, 1.0, 300)
@@ -186,7 +186,7 @@ def test_many_samples_are_few_and_give_nearly_the_same_force(count: int) -> None
     )  # fmt: skip
     assert len(whole.points) == each.count > 1.5 * len(each.samples.points)
     x = np.random.default_rng(11).uniform((-0.25, 0.25), (0.25, 0.55), (60, 2))
-    errors = np.linalg.norm(energies_and_forces(whole, 0.025, x)[1] - each.force(x), axis=1)
+    errors = np.linalg.norm(energies_and_forces(field_kernel(whole, 0.025).mine, x)[1] - each.force(x), axis=1)
     assert errors.max() < 0.3
 
 
