@@ -18,6 +18,7 @@ os.environ.setdefault("REHAB_OPT_COMPILE", "wait")
 from matplotlib.figure import Figure
 from pictured.c_export import c_commands
 from pictured.conventions import frames, tick
+from pictured.drawings import mapped_drawing
 from pictured.loop import loop_log
 from pictured.scoring import scored_reaches
 from pictured.solvers import solver_times
@@ -39,6 +40,7 @@ MADE = {
     "c_commands": c_commands,
     "frames": frames,
     "loop_log": loop_log,
+    "mapped_drawing": mapped_drawing,
     "scored_reaches": scored_reaches,
     "solver_times": solver_times,
     "study_report": report_page,

@@ -105,7 +105,7 @@ def of_a_map() -> Ask:
     asked = pickle.loads(pickle.dumps(between()))  # without what was made when it was first asked
     driven = between().for_controller(unsafe=True)
     return lambda rng: (
-        asked(x := near(rng)), asked.jacobian(x), asked.inverse(x), asked.push_force(x, x),
+        asked(x := near(rng)), asked.jacobian(x), asked.inverse(x),
         driven.image(x), driven.jacobian(x), driven.preimage(x),
     )  # fmt: skip
 

@@ -159,22 +159,6 @@ class WorkspaceMap:
             found[far] = np.nan
         return found.reshape(wanted.shape)
 
-    def push_force(self, point: ArrayLike, force: ArrayLike) -> NDArray[np.float64]:
-        """Force [N] at a point from the force at its image: J' F, (2,) for (2,) or (N, 2) for (N, 2).
-
-        A hand at x with velocity v moves the image with J v, and F . (J v) = (J' F) . v is the same power on both
-        sides. Outside the source, J is that of its nearest point, and the powers differ: the image does not move while
-        the hand moves away from the edge.
-
-        Raises
-        ------
-        ConfigurationError : a force is not two numbers, or the numbers of forces and points differ.
-        """
-        slopes, pushed = self.jacobian(point), point_array(force, "force")
-        if slopes.ndim == 3 and pushed.ndim == 2 and len(slopes) != len(pushed):
-            raise ConfigurationError("force", f"{len(pushed)} forces", f"one, or one for each of {len(slopes)} points")
-        return np.asarray(np.einsum("...ij,...i->...j", slopes, pushed))
-
     @property
     def rotation(self) -> float:
         """Angle [rad], counterclockwise, by which directions turn on average over the source."""

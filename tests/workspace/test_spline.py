@@ -48,13 +48,11 @@ def around(source: Array, n: int, seed: int = 0) -> Array:
 
 
 @settings(max_examples=60, deadline=None)
-@given(cases(), st.sampled_from([0.0, 1e-6, 1e-3, 0.1, 10.0]))
-def test_it_is_the_spline_that_scipy_makes_of_the_landmarks(case: tuple[Array, Array], smoothing: float) -> None:
+@given(cases())
+def test_it_is_the_spline_that_scipy_makes_of_the_landmarks(case: tuple[Array, Array]) -> None:
     source, target = case
-    spread = np.mean(np.sum((source - source.mean(axis=0)) ** 2, axis=1))
-    oracle = RBFInterpolator(source, target, kernel="thin_plate_spline", smoothing=smoothing * spread / 2)
-    points = around(source, 50)
-    np.testing.assert_allclose(ThinPlateSpline(source, target, smoothing)(points), oracle(points), rtol=1e-8, atol=1e-8)
+    oracle, points = RBFInterpolator(source, target, kernel="thin_plate_spline"), around(source, 50)
+    np.testing.assert_allclose(ThinPlateSpline(source, target)(points), oracle(points), rtol=1e-8, atol=1e-8)
 
 
 @settings(max_examples=30, deadline=None)
@@ -97,7 +95,6 @@ def test_affine_data_give_weights_that_are_exactly_zero(seed: int, n: int, shift
     assume(np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1] > 1e-6 * 10**shift)
     spline = ThinPlateSpline(source, target)
     assert not spline.weights.any()
-    assert spline.bending_energy == 0
     np.testing.assert_allclose(spline(source), target, atol=1e-12 * max(np.abs(target).max(), np.abs(source).max()))
 
 
@@ -119,27 +116,6 @@ def test_eight_hundred_landmarks_are_met() -> None:
     np.testing.assert_allclose(
         spline(np.array([0.3, 0.2])), [0.3 + 0.02 * math.sin(1.8), 0.2 + 0.02 * math.sin(2.7)], atol=1e-4
     )
-
-
-# --------------------------------------------------------------------------------------------------- bending energy
-def test_bending_energy_is_the_integral_of_the_second_derivatives() -> None:
-    """Eq. (24) by quadrature over a disc; beyond radius a the integrand falls like r^-4, so the rest like a^-2."""
-    source = np.array([[0.0, 0.0], [1.0, 0.1], [-0.2, 0.9], [1.1, 1.2], [0.4, 0.5]])
-    target = source + np.array([[0.0, 0.1], [0.2, 0.0], [0.0, 0.0], [-0.1, 0.0], [0.1, -0.2]])
-    spline = ThinPlateSpline(source, target)
-    # Midpoints in the logarithm of the radius, and in the angle; the peaks at the landmarks are logarithmic only.
-    edges = np.linspace(math.log(1e-4), math.log(1e3), 1201)
-    log_radius, angle = (edges[1:] + edges[:-1]) / 2, np.linspace(0, 2 * math.pi, 400, endpoint=False)
-    directions = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
-    total = 0.0
-    for radius in np.exp(log_radius):
-        d = source.mean(axis=0) + radius * directions[:, np.newaxis] - source
-        square = np.sum(d * d, axis=-1)[..., np.newaxis, np.newaxis]
-        # Second derivatives of r^2 ln r^2: 2 (ln r^2 + 1) on the diagonal, and 4 d d' / r^2.
-        hessian = 2 * (np.log(square) + 1) * np.eye(2) + 4 * d[..., :, np.newaxis] * d[..., np.newaxis, :] / square
-        total += radius**2 * float(np.sum(np.einsum("nc,anij->acij", spline.weights, hessian) ** 2))
-    total *= (edges[1] - edges[0]) * (angle[1] - angle[0])
-    assert spline.bending_energy == pytest.approx(total, rel=2e-3)
 
 
 # ------------------------------------------------------------------------------------------ single points and arrays
@@ -190,7 +166,7 @@ def test_numbers_are_copies_that_the_next_call_does_not_overwrite() -> None:
 
 
 def test_copies_and_pickles_are_the_same_map_and_as_unchangeable() -> None:
-    spline = ThinPlateSpline(*landmarks(13, 20), smoothing=1e-4)
+    spline = ThinPlateSpline(*landmarks(13, 20))
     point = spline.source.mean(axis=0)
     spline.inverse(spline(point))  # with buffers and starts made
     for other in (pickle.loads(pickle.dumps(spline)), copy.copy(spline), copy.deepcopy(spline)):
@@ -200,7 +176,7 @@ def test_copies_and_pickles_are_the_same_map_and_as_unchangeable() -> None:
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 0
         with pytest.raises(FrozenInstanceError):
-            other.smoothing = 1.0
+            other.source = spline.source
 
 
 # ---------------------------------------------------------------------------------------------------------- refusals
@@ -225,8 +201,6 @@ def test_landmarks_that_determine_no_map_and_what_is_no_point_are_refused_by_nam
         ((NAN, SQUARE), "source[2] = "),
         ((SQUARE, NAN), "target[2] = "),
         ((SQUARE * 1e200, SQUARE), "source[1] = "),
-        ((SQUARE, SQUARE, -1e-9), "smoothing = "),
-        ((SQUARE, SQUARE, "much"), "smoothing = "),
         ((np.vstack((SQUARE, SQUARE[1])), np.vstack((SQUARE, [[5, 5]]))), "source[1], source[4] = "),
         (TORN, "source[7], source[100] = "),
         ((close(0.999e-7), close(0.999e-7)), "source[7], source[100] = "),

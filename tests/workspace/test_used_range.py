@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from rehab_opt import ConfigurationError, human_arm
-from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
-from rehab_opt.workspace.used_range import range_of_motion
+from rehab_opt.workspace.used_range import named_ranges, range_of_motion
 from tests.refusals import refuses
 
 RNG = np.random.default_rng(3)
@@ -54,24 +53,12 @@ def test_jumps_by_whole_turns_are_undone_within_and_between_trials() -> None:
     np.testing.assert_allclose(near["wrist"], expected - 2 * np.pi)
 
 
-def test_joints_without_data_stay_away_unless_a_default_is_stated() -> None:
-    data = {"humeral_flexion": SWING, "forearm_extension": 0.5 + SWING}
-    seen = range_of_motion(data)
-    assert tuple(seen) == seen.covered == ("humeral_flexion", "forearm_extension")
-    assert set(seen.uncovered) == set(ARM_JOINTS) - set(seen)
+def test_joints_without_data_stay_away() -> None:
+    seen = range_of_motion({"humeral_flexion": SWING, "forearm_extension": 0.5 + SWING})
+    assert tuple(seen) == ("humeral_flexion", "forearm_extension")
     with pytest.raises(ConfigurationError, match="wrist_flexion"):
         human_arm(range_of_motion=seen)
-    filled = range_of_motion(data, uncovered="regular")
-    assert tuple(filled) == ARM_JOINTS
-    assert filled.assumed == filled.uncovered == seen.uncovered
-    np.testing.assert_allclose(filled["wrist_flexion"], np.deg2rad(RANGES_OF_MOTION_DEG["regular"]["wrist_flexion"]))
-    assert filled["humeral_flexion"] == seen["humeral_flexion"]
-    assert "wrist_flexion" in filled.notes[-1]
-    human_arm(range_of_motion=filled)
-    mine = dict.fromkeys(ARM_JOINTS, (-0.1, 0.1))
-    assert range_of_motion(data, uncovered=mine)["wrist_flexion"] == (-0.1, 0.1)
-    with pytest.raises(ConfigurationError, match="wrist_deviation"):
-        range_of_motion(data, uncovered={name: (0, 0) for name in ARM_JOINTS if name != "wrist_deviation"})
+    human_arm(range_of_motion={**named_ranges("", "regular"), **seen})
 
 
 # ------------------------------------------------------------------------------------------------------ bad arguments
@@ -83,10 +70,8 @@ def test_what_cannot_be_a_recording_is_refused() -> None:
         (({"a": np.rad2deg(SWING)},), "degrees"),
         ({"angles": {"a": SWING}, "lower_percentile": 95, "upper_percentile": 5}, "percentile"),
         ({"angles": {"a": SWING}, "margin": -0.1}, "margin"),
-        ({"angles": {"a": SWING}, "minimum_width": np.inf}, "minimum_width"),
         ({"angles": {"a": SWING}, "within": {"b": (0, 1)}}, "within"),
         ({"angles": {"a": SWING}, "within": {"a": (1, 0)}}, "within"),
-        ({"angles": {"a": SWING}, "uncovered": "wide"}, "uncovered"),
         ({"angles": np.zeros((50, 8)), "names": "abcdefgh"}, "names"),
         (({"a": "text"},), "a"),
         (({},), "angles"),

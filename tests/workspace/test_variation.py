@@ -1,4 +1,4 @@
-"""How often a point is reachable: exact counts of the polygons, honest about how few trials there are."""
+"""How often a point is reachable: exact counts of the polygons."""
 
 import math
 import pickle
@@ -10,7 +10,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binomtest, kstest, truncnorm
+from scipy.stats import kstest, truncnorm
 
 from rehab_opt import ConfigurationError, human_arm
 from rehab_opt.kinematics.human_arm import ARM_JOINTS, RANGES_OF_MOTION_DEG
@@ -102,26 +102,6 @@ def test_a_region_is_of_the_plane_of_its_trials_and_no_more_accurate() -> None:
     assert 5e-3 < region.accuracy <= 5.1e-3
 
 
-# --------------------------------------------------------------------------------------------------------- confidence
-@settings(max_examples=10)
-@given(st.integers(1, 40), st.data())
-def test_the_interval_is_wilson_s(n: int, data: Any) -> None:
-    k = data.draw(st.integers(0, n))
-    fractions = reachability_map([box(0, 0, 0.1, 0.1)] * k + [NOTHING] * (n - k))
-    low, high = fractions.interval([0.05, 0.05], confidence=0.9)
-    expected = binomtest(k, n).proportion_ci(confidence_level=0.9, method="wilson")
-    assert (float(low), float(high)) == pytest.approx((expected.low, expected.high), abs=1e-9)
-    assert fractions.standard_error([0.05, 0.05]) == pytest.approx(math.sqrt(k * (n - k) / n**3))
-    assert fractions.trials == pytest.approx(n)
-
-
-def test_few_trials_promise_little() -> None:
-    ten, hundred = (reachability_map([box(0, 0, 0.1, 0.1)] * n) for n in (10, 100))
-    assert ten.region(0.9).area == pytest.approx(0.01)
-    assert ten.region(0.9, confidence=0.95).empty  # ten of ten promise 0.72
-    assert hundred.region(0.9, confidence=0.95).area == pytest.approx(0.01)
-
-
 # -------------------------------------------------------------------------------------------------- ranges and draws
 def test_ranges_and_arms_become_workspaces_here_or_elsewhere_in_the_given_order(
     monkeypatch: pytest.MonkeyPatch,
@@ -156,17 +136,17 @@ def test_drawn_limits_follow_the_stated_truncated_normal() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.just(0.0) | st.floats(1e-3, 2), st.integers(0, 2**31), st.booleans())
-def test_no_drawn_range_is_inverted_or_far_off_and_locked_joints_stay(spread: float, seed: int, keep: bool) -> None:
+@given(st.just(0.0) | st.floats(1e-3, 2), st.integers(0, 2**31))
+def test_no_drawn_range_is_inverted_or_far_off_and_locked_joints_stay(spread: float, seed: int) -> None:
     nominal = named_ranges("", "restricted")
-    for drawn in varied_ranges("restricted", spread=spread, count=5, seed=seed, keep_locked=keep):
+    for drawn in varied_ranges("restricted", spread=spread, count=5, seed=seed):
         assert tuple(drawn) == ARM_JOINTS
         for name, (lower, upper) in drawn.items():
             assert lower <= upper
             assert abs(lower - nominal[name][0]) <= 2 * spread + 1e-12
             assert abs(upper - nominal[name][1]) <= 2 * spread + 1e-12
         arm = human_arm(range_of_motion=drawn)
-        assert arm.locked[[0, 6]].all() == (keep or spread == 0)
+        assert arm.locked[[0, 6]].all()
 
 
 def test_equal_seeds_draw_equal_ranges_and_only_named_joints_vary() -> None:
