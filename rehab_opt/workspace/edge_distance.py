@@ -1,7 +1,7 @@
 """Signed distance to a polygon's boundary as an expression over a table of its edges, for use in a tick.
 
-It evaluates every edge, by a few operations on long columns; `Workspace` serves arrays of points. The parity of the
-edges that a ray from a point crosses gives the point's side, also where edges nearly coincide.
+It evaluates every edge, by a few operations on long columns; `Workspace` serves arrays of points. The edges that
+a ray from a point crosses, counted by direction, give the point's side, also where edges nearly coincide.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ SHORTEST_SQUARE = 1e-200
 
 
 def edge_columns(polygon: Any) -> NDArray[np.float64]:
-    """(size, 6) edges of a valid polygon, padded with edges of zero length at the first one's start."""
+    """(size, 6) edges of a valid polygon, which is on their left; edges of zero length at the first start are added."""
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
+    from shapely.geometry.polygon import orient  # noqa: PLC0415
 
     rows = []
-    for part in shapely.get_parts(polygon):
+    for part in map(orient, shapely.get_parts(polygon)):
         for ring in (part.exterior, *part.interiors):
             points = shapely.get_coordinates(ring)
             points = points[:-1][(np.diff(points, axis=0) ** 2).sum(axis=1) > SHORTEST_SQUARE]
@@ -60,9 +61,9 @@ def distance_function(size: int) -> ca.Function:
     squares = off_x * off_x + off_y * off_y
     nearest = ca.find(squares <= ca.mmin(squares))  # the first of them
     begins, left = start_y <= y, to_x * along_y < to_y * along_x
-    crossings = ca.sum1((begins != (end_y <= y)) * (left == begins))
+    winding = ca.sum1((begins - (end_y <= y)) * (left == begins))
     off = ca.vertcat(off_x[nearest], off_y[nearest])
-    found = ca.vertcat((1 - 2 * ca.fmod(crossings, 2)) * ca.norm_2(off), x - off[0], y - off[1])
+    found = ca.vertcat((1 - 2 * winding) * ca.norm_2(off), x - off[0], y - off[1])
     found = ca.if_else(known, found, math.nan)
     return ca.Function(f"edge_distance_{size}", [point, table], [found[0], found[1:]])
 
