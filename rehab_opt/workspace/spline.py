@@ -62,7 +62,7 @@ class ThinPlateSpline(PlaneMap):
         K, R = square * np.log(square + TINY), np.column_stack((np.ones(len(s)), s))
         w, b = _solved(K, R, target, np.abs(source).max() / scale)
         if not np.abs(target - K @ w - R @ b).max() <= RESIDUAL * np.ptp(target, axis=0).max():
-            raise ConfigurationError(*_closest(square, source), "landmarks far enough apart to tell their targets")
+            raise ConfigurationError(*_closest(square, source), "landmarks far enough apart for different targets")
         linear = b[1:] / scale
         affine = np.vstack((b[0] - centre @ linear - math.log(scale**2) * ((s**2).sum(axis=1) @ w), linear))
         values = (source, target, w / scale**2, affine, (centre, scale, s, w, b))
