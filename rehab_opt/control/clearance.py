@@ -77,8 +77,8 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
             "a robot with capsules on its links: from_urdf(..., capsules='collision')",
         )
     for name, low, high, whole in (
-        ("margin", 0, 10, False),
-        ("self_margin", 0, 10, False),
+        ("margin", 0, 1, False),
+        ("self_margin", 0, 1, False),
         ("moving", 0, 100, True),
         ("max_contacts", 1, 100, True),
     ):

@@ -29,9 +29,9 @@ __all__ = ["SerialChain", "per_joint", "turning_speeds"]
 
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
-LONG_TOOL, FAR_BASE, LONGEST = 2.0, 10.0, 1e6
+LONG_TOOL, FAR_BASE, LONG_ROW, LONGEST = 2.0, 10.0, 20.0, 1e6
 """Longest tool and shape of a link, as a multiple of the arm's length or of 1 m; farthest base, as a multiple of that;
-[m] length assumed for prismatic joints without limits."""
+[m] longest row, and length assumed for prismatic joints without limits."""
 MAX_WRITTEN = 64
 """Largest number of cached expressions."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
@@ -129,8 +129,12 @@ class SerialChain(HasEvaluator):
             raise ConfigurationError("effort", self.effort, "positive numbers (infinite if unknown)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
-        capsules, most = checked_capsules(self.capsules, n + 2), LONG_TOOL * max(_lengths(rows, lower, upper), 1.0)
+        capsules, most = (
+            checked_capsules(self.capsules, n + 2),
+            LONG_TOOL * max(_lengths(rows, np.zeros(n), np.zeros(n)), 1.0),
+        )
         sizes = {"tool": (tool[:3, 3], most), "base": (base[:3, 3], FAR_BASE * most)}
+        sizes |= {f"rows, {names[i]}": (np.array([row.across, row.along]), LONG_ROW) for i, row in enumerate(rows)}
         sizes |= {
             f"capsules, {each.name}": (np.array([*each.start, *each.end, each.radius]), most) for each in capsules
         }

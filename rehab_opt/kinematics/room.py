@@ -148,6 +148,8 @@ def arm_capsules(
     if not isinstance(arm, SerialChain) or arm.names != ARM_JOINTS:
         raise ConfigurationError("arm", arm, "a human_arm")
     placed = rigid("placement", placement)
+    if not all(0 <= radius <= 1 for radius in radii):
+        raise ConfigurationError("radii", radii, "0 to 1 m: are they in metres?")
     posture, rates = per_joint("q", q, arm.n), per_joint("velocity", velocity, arm.n)
 
     def arm_ends(q: ca.SX, velocity: ca.SX) -> ca.SX:

@@ -22,6 +22,7 @@ from rehab_opt import (
     Status,
     Workspace,
     ardis,
+    arm_capsules,
     human_arm,
     ur5,
 )
@@ -148,6 +149,13 @@ def test_shapes_of_links_and_joint_speeds_in_other_units_are_refused():
         lambda *shape: ur5(velocity=1.0, capsules=[LinkCapsule("forearm", 3, *shape)]),
         (((0.0, 0.0, 0.0), (392.25, 0.0, 0.0), 0.066), "capsules, forearm", METRES),
         (((0.0, 0.0, 0.0), (0.392, 0.0, 0.0), 66.0), "capsules, forearm", METRES),
+    )
+    person = {"make": arm_capsules, "arm": human_arm(), "q": 0.0, "placement": np.eye(4)}
+    refuses(
+        lambda make, **given: make(**given),
+        ({"make": ardis, "a3": 100.0}, "rows, ", METRES),
+        ({"make": ardis, "mount_height": 700.0}, "base", METRES),
+        (person | {"radii": (60, 50, 45)}, "radii", METRES),
     )
     refuses(lambda make: make(velocity=172.0), ((ur5,), "velocity", "rad/s"), ((human_arm,), "velocity", "rad/s"))
 
