@@ -10,7 +10,7 @@ import numpy as np
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.tables import MISSING, check_once, numbers_below
-from rehab_opt.recordings.units import RATES, Reading, place_of
+from rehab_opt.recordings.units import RATES, Reading, each_once, place_of
 from rehab_opt.text_file import LATEST, brief, header_cells, number_in, shown, text_lines
 
 __all__ = ["read_opensim"]
@@ -67,6 +67,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
     named = LENGTHS[".sto" if path.suffix.lower() == ".sto" else ".mot"]
     lengths = {cell for cell in header if cell not in strange and re.search(named, cell.removesuffix("/value"))}
     columns = [_place(column, header, lengths, strange, title, how, name) for column in how.columns or ()]
+    columns = each_once(columns, how, name)
     angles = [cell for cell in header if cell != "time" and cell not in {*lengths, *strange, *columns}]
     if not title and named == LENGTHS[".sto"] and how.stated("angle") is None:
         angles = [cell for cell in angles if cell.endswith("/value")]

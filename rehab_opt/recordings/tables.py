@@ -15,7 +15,19 @@ from numpy.typing import NDArray
 
 from rehab_opt.errors import ProblemFileError
 from rehab_opt.recordings.recording import Samples
-from rehab_opt.recordings.units import ANGLE, COUNTS, KINDS, LENGTH, RATES, TIME, UNITS, Reading, known_unit, place_of
+from rehab_opt.recordings.units import (
+    ANGLE,
+    COUNTS,
+    KINDS,
+    LENGTH,
+    RATES,
+    TIME,
+    UNITS,
+    Reading,
+    each_once,
+    known_unit,
+    place_of,
+)  # fmt: skip
 from rehab_opt.text_file import LATEST, brief, finite_number, header_cells, shown, text_lines, times
 
 __all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "numbers_below", "read_csv", "unit_of"]
@@ -187,7 +199,7 @@ def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: st
 def _hand(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
     """The columns of x, y and, if present, z; none if all that the table has are joint angles."""
     if how.columns is not None:
-        return [_asked(column, header, written, "recording.columns", name) for column in how.columns]
+        return each_once([_asked(each, header, written, "recording.columns", name) for each in how.columns], how, name)
     if any(unit_of(cell) in ANGLE for cell in header) and not {*"xyz"} & {
         name for cell in header for name in (cell, cell.rpartition("_")[0])
     }:

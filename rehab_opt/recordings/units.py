@@ -14,8 +14,8 @@ from rehab_opt.errors import ProblemFileError
 from rehab_opt.text_file import brief, shown
 
 __all__ = [
-    "ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "RATES", "TIME", "UNITS", "Reading", "known_unit", "place_of",
-    "unused_keys",
+    "ANGLE", "COUNTS", "FORCE", "KINDS", "LENGTH", "RATES", "TIME", "UNITS", "Reading", "each_once",
+    "known_unit", "place_of", "unused_keys",
 ]  # fmt: skip
 
 TIME = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
@@ -57,9 +57,6 @@ def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, An
         if given.get(key) is not None and suffix not in suffixes:
             some = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}" if len(suffixes) > 1 else suffixes[0]
             yield key, given[key], f"no such key: only a {some} has {what}"
-    columns = [str(column) for column in given.get("columns") or ()]
-    if len(set(columns)) < len(columns):
-        yield "columns", given["columns"], "each column once"
     for key in ("time_column", "tick_ms"):
         if given.get("rate_hz") is not None and given.get(key) is not None:
             yield key, given[key], "no such key: rate_hz replaces the file's times"
@@ -77,6 +74,13 @@ def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -
     if found or not (str(asked).isascii() and str(asked).isdecimal() and len(str(asked)) < 6):
         return found[0] if len(found) == 1 else None
     return int(asked) - 1 if 1 <= int(asked) <= (count or len(names)) else None
+
+
+def each_once(found: Sequence[Any], how: Reading, name: str) -> list[Any]:
+    """The columns that `recording.columns` names or numbers; raises `ProblemFileError` if one is named twice."""
+    if len(set(found)) < len(found):
+        raise ProblemFileError(name, "recording.columns", list(how.columns or ()), "each column once")
+    return list(found)
 
 
 @dataclass(frozen=True)

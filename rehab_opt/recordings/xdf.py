@@ -13,7 +13,7 @@ import numpy as np
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.recordings.recording import Samples
-from rehab_opt.recordings.units import Reading, place_of
+from rehab_opt.recordings.units import Reading, each_once, place_of
 from rehab_opt.text_file import MAX_COLUMNS, MAX_RECORDING_SIZE, file_content, shown
 
 __all__ = ["read_xdf"]
@@ -58,7 +58,10 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
     if len(found) != 1:
         expected = f"channels of one stream, among {shown(said, 120)}"
         raise ProblemFileError(name, "recording.columns", list(how.columns), expected)
-    (stream, labels, chosen), places = known[found[0]], [place or 0 for place in places_in[found[0]]]
+    (stream, labels, chosen), places = (
+        known[found[0]],
+        each_once([place or 0 for place in places_in[found[0]]], how, name),
+    )
     time, series = np.asarray(chosen["time_stamps"], dtype=np.float64), chosen["time_series"]
     stated = _stated(chosen)
     if stated is None or stated != len(time):

@@ -233,6 +233,7 @@ def test_a_key_that_a_format_does_not_have_is_refused(written: Write) -> None:
         ({"name": "a.mot", "separator": "tab"}, "recording.separator"),
         ({"name": "a.csv", "marker": 1}, "recording.marker"),
         ({"name": "a.csv", "columns": ["x_m", "x_m"]}, "each column once"),
+        ({"name": "a.csv", "columns": ["x_m", 2]}, "each column once"),
         ({"name": "a.csv", "rate_hz": 50.0, "time_column": "t_s"}, "rate_hz replaces"),
         ({"name": "a.csv", "units": ["mm"], "count_mm": 2.0}, "either it or a unit"),
         error=ProblemFileError,
