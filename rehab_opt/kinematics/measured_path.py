@@ -38,8 +38,8 @@ smallest noise, as a fraction of the range."""
 NOISY, WHITE, BAND = (4, 6), 0.5, 4.0
 """Orders of the differences that show noise; least ratio of these differences, which is 1 for white noise and below 1/2
 for motion slower than a quarter of the sampling rate; number of standard deviations within which the path stays."""
-TWICE = 1.6, 2.7
-"""Least and largest ratio of a step's speed to the mean of the steps beside it, if a sample was lost in the step."""
+LOST = (2.0, 1.6, 2.7), (0.5, 0.37, 0.62)
+"""Samples in a step over those in the steps beside it; least and largest ratio of the speeds that shows it."""
 AROUND, OFTEN_SEEN, DEVIATIONS = 41, 80, 1.2816
 """Number of samples around a sample that show its noise; their percentile, because a few corners are not noise; value
 of this percentile for a normal distribution."""
@@ -128,9 +128,14 @@ def _faster(times: Array, points: Array) -> Array:
         np.pad(speeds[:-1], ((1, 0), (0, 0)), mode="edge") + np.pad(speeds[1:], ((0, 1), (0, 0)), mode="edge")
     ) / 2
     ratio = (speeds * beside).sum(axis=1) / np.maximum((beside**2).sum(axis=1), 1e-30)
-    passed = np.append(0.0, np.cumsum(np.diff(times) * (1 + ((ratio > TWICE[0]) & (ratio < TWICE[1])))))
-    other = times[0] + passed * (times[-1] - times[0]) / passed[-1]
-    return other if 2.0 * _unsteady(other, points) < _unsteady(times, points) else times
+    found = times
+    for factor, slowest, fastest in LOST:
+        passed = np.append(
+            0.0, np.cumsum(np.diff(times) * np.where((ratio > slowest) & (ratio < fastest), factor, 1.0))
+        )
+        other = times[0] + passed * (times[-1] - times[0]) / passed[-1]
+        found = other if 2.0 * _unsteady(other, points) < _unsteady(found, points) else found
+    return found
 
 
 def _averaged(counts: Array) -> Array:

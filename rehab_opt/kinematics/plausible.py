@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.chain import LONGEST, SerialChain, per_joint
+from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.denavit_hartenberg import SIX_TURNS, TWO_TURNS
 from rehab_opt.kinematics.room import MOVING
 
@@ -56,8 +56,8 @@ def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.
 
     Parameters
     ----------
-    names : input symbols; those called `pose`, `twist` and, for an arm on a fixed base, `obstacles` (k capsules of
-        `MOVING` numbers) are checked. values : the values of all inputs.
+    names : input symbols; those called `pose`, `twist` and, beside a pose, `obstacles` (k capsules of `MOVING` numbers)
+        are checked. values : the values of all inputs.
     rows : names of the twist's components.
     """
     named = {each[0].name().rsplit("_", 1)[0]: value for each, value in zip(names, values, strict=True)}
@@ -67,7 +67,7 @@ def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.
     if "twist" in named:
         most = ca.DM([BEYOND * (linear if row in LINEAR else angular) for row in rows])
         fast = ca.mmax(ca.fabs(named["twist"]) / most) > 1
-    if "obstacles" in named and farthest(chain) < LONGEST:
+    if {"pose", "obstacles"} <= {*named}:
         bodies = ca.reshape(named["obstacles"], MOVING, -1)
         most = ca.DM([SIGHT] * 6 + [BEYOND * linear] * 6 + [farthest(chain)])
         larger = ca.fabs(bodies[:-1, :]) > ca.repmat(most, 1, bodies.shape[1])
