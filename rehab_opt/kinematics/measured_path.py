@@ -40,6 +40,8 @@ NOISY, WHITE, BAND = (4, 6), 0.5, 4.0
 for motion slower than a quarter of the sampling rate; number of standard deviations within which the path stays."""
 LOST = (2.0, 1.6, 2.7), (0.5, 0.37, 0.62)
 """Samples in a step over those in the steps beside it; least and largest ratio of the speeds that shows it."""
+STEADIER = 3.0
+"""Factor by which the tracker's own clock must be steadier."""
 AROUND, OFTEN_SEEN, DEVIATIONS = 41, 80, 1.2816
 """Number of samples around a sample that show its noise; their percentile, because a few corners are not noise; value
 of this percentile for a normal distribution."""
@@ -83,10 +85,10 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
     rows = rows[(since == 0)[rows] | ~np.repeat(again, lengths)[rows]]
     moved = points[rows]
     clock = _clock(times, rows, moved)
-    if len(rows) == len(times) and (faster := _faster(clock, moved)) is not clock:
-        clock = faster
+    own = clock if len(rows) < len(times) else _faster(clock, moved)
+    if own is not clock:
         notes.append("the tracker is faster than its logger: its own times are used")
-    noise = np.where(rounded, 0.0, _noise(clock, moved))
+    noise = np.where(rounded, 0.0, _noise(own, moved))
     if rounded.any():
         notes.append(
             f"positions rounded to {steps.max():.3g} m or rad: the path is the smoothest within {NEAR:g} of that"
@@ -97,13 +99,14 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
         )
     uneven = rounded | noise.any(axis=0)
     if uneven.any():
-        moved[:, uneven] = _least_jerk(clock, moved[:, uneven], np.maximum(BAND * noise, NEAR * steps)[:, uneven])
-    if len(rows) < len(times):
+        moved[:, uneven] = _least_jerk(own, moved[:, uneven], np.maximum(BAND * noise, NEAR * steps)[:, uneven])
+    if len(rows) < len(times) or own is not clock:
         from scipy.interpolate import CubicSpline  # noqa: PLC0415  (loaded when used)
 
-        notes.append(f"{len(times) - len(rows)} of {len(times)} samples repeat the one before: left out")
         # With so few samples, a drive's own interpolation would stop at every extreme.
-        moved, clock = np.asarray(CubicSpline(clock, moved)(times[: rows[-1] + 1])), times[: rows[-1] + 1]
+        moved, clock = np.asarray(CubicSpline(own, moved)(times[: rows[-1] + 1])), times[: rows[-1] + 1]
+    if len(rows) < len(times):
+        notes.append(f"{len(times) - len(rows)} of {len(times)} samples repeat the one before: left out")
     return MeasuredPath(clock, moved, tuple(notes))
 
 
@@ -124,18 +127,17 @@ def _faster(times: Array, points: Array) -> Array:
     if len(times) < AROUND:
         return times
     speeds = np.diff(points, axis=0) / np.diff(times)[:, None]
-    beside = (
-        np.pad(speeds[:-1], ((1, 0), (0, 0)), mode="edge") + np.pad(speeds[1:], ((0, 1), (0, 0)), mode="edge")
-    ) / 2
+    beside = np.pad(speeds, ((1, 1), (0, 0)), mode="reflect")
+    beside = (beside[:-2] + beside[2:]) / 2
     ratio = (speeds * beside).sum(axis=1) / np.maximum((beside**2).sum(axis=1), 1e-30)
-    found = times
+    others = []
     for factor, slowest, fastest in LOST:
         passed = np.append(
             0.0, np.cumsum(np.diff(times) * np.where((ratio > slowest) & (ratio < fastest), factor, 1.0))
         )
-        other = times[0] + passed * (times[-1] - times[0]) / passed[-1]
-        found = other if 2.0 * _unsteady(other, points) < _unsteady(found, points) else found
-    return found
+        others.append(times[0] + passed * (times[-1] - times[0]) / passed[-1])
+    best = min(others, key=lambda each: _unsteady(each, points))
+    return best if STEADIER * _unsteady(best, points) < _unsteady(times, points) else times
 
 
 def _averaged(counts: Array) -> Array:
