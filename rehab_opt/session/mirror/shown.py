@@ -128,33 +128,21 @@ def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
 
 
 def _causes(laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
-    """A strip of time for each drive, and the duration of each cause."""
-    figure = framed(
-        "What kept the hand from its reference: as a strip of time for each controller, and the seconds of each cause. "
-        f"{_n(drives)}",
-        5.2,
-    )
-    when, seconds = figure.subplots(2, 1, height_ratios=(1, 4))
+    """A strip of time for each drive."""
+    figure = framed(f"What kept the hand from its reference, as a strip of time for each controller. {_n(drives)}", 1.9)
+    axes = figure.add_subplot()
     for row, (name, drive) in enumerate(drives.items()):
         cause, dt = laws[name]["_cause"], float(drive["t_s"][1] - drive["t_s"][0])
         begins = np.append(0, np.flatnonzero(np.diff(cause)) + 1)
         lengths = np.diff(np.append(begins, len(cause)))
         for k, colour in enumerate(CAUSE_COLOURS):
             strips = [(dt * a, dt * n) for a, n in zip(begins.tolist(), lengths.tolist(), strict=True) if cause[a] == k]
-            when.broken_barh(strips, (row - 0.4, 0.8), color=colour, linewidth=0)
-            spent, at = dt * float(np.sum(cause == k)), k + 0.3 * (row - (len(drives) - 1) / 2)
-            seconds.barh(at, spent, height=0.26, color=colour)
-            if spent >= 0.05:
-                seconds.annotate(f" {name}: {spent:.1f} s", (spent, at), va="center")
-    when.set_yticks(range(len(drives)), [STYLES[name]["label"] for name in drives])
-    when.set_xlabel("time of the run [s]")
-    seconds.set_yticks(range(len(CAUSES)), CAUSES)
-    seconds.set_xlabel("time under each cause [s]")
-    seconds.margins(x=0.3)  # room for the words behind the longest
-    for axes in (when, seconds):
-        axes.invert_yaxis()
-        axes.grid(visible=False, axis="y")
-    return figure
+            axes.broken_barh(strips, (row - 0.4, 0.8), color=colour, linewidth=0, label=CAUSES[k])
+    axes.set_yticks(range(len(drives)), [STYLES[name]["label"] for name in drives])
+    axes.set_xlabel("time of the run [s]")
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    return legend_below(figure)
 
 
 def _space(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:

@@ -173,21 +173,19 @@ def learnt_figure(context: Precomputed) -> Figure:
     return legend_below(figure)
 
 
-PLACES, BINS = 400, 16
-"""Number of points along the path, and of bins of its length."""
-ENOUGH = 20
-"""Least number of ticks in a bin."""
-CURVES: Mapping[Law, tuple[str, str, str]] = {
-    "assisted": ("ours ($k_1$ and travelled length), at rest", "-", "o"),
-    "published": ("published ($k_1$ < 0, Eq. (21)), at rest", "--", "s"),
+PLACES = 400
+"""Number of points along the path."""
+CURVES: Mapping[Law, tuple[str, str]] = {
+    "assisted": ("ours ($k_1$ and travelled length), at rest", "-"),
+    "published": ("published ($k_1$ < 0, Eq. (21)), at rest", "--"),
 }
 
 
 def along_figure(of: ScenarioTrials) -> Figure:
     """Force along the path, negative against the motion; the target is at the right."""
     figure = framed(
-        "Force along the path towards the target; below 0 it resists. Lines: the fields at rest; markers: median and "
-        f"10 to 90 % of the commanded force in the trials, with damping. {count_words(of)}",
+        "Force along the path towards the target; below 0 it resists. The fields at rest, and thin the commanded force "
+        f"of every trial outside $W_c$, with damping. {count_words(of)}",
         3.8,
     )
     axes, context, field = figure.add_subplot(), of.context, of.context.fields[0]
@@ -199,11 +197,18 @@ def along_figure(of: ScenarioTrials) -> Figure:
     inside = np.asarray(context.comfortable.contains(points))
     published = PotentialField(path.points, drag=-field.drag, rest_on_target=False, compile=False, **context.numbers)
     gated = (field, _gate(context, points)), (published, ~inside)
-    for (law, (label, style, marker)), (whole, gate) in zip(CURVES.items(), gated, strict=True):
+    for (law, (label, style)), (whole, gate) in zip(CURVES.items(), gated, strict=True):
         along = gate * (whole.force(points) * tangents).sum(axis=1)
         axes.plot(left, along, style, color=LAW_COLOURS[law], label=label)
-        if law in of.trials:
-            _draw_trials(axes, of, law, marker)
+        for i, trial in enumerate(of.trials.get(law, ())):
+            where = projected(trial["_hand"], context.reference)
+            force = np.where(trial["inside"], np.nan, (trial["force_commanded"] * where.tangent).sum(axis=1))
+            thin: dict[str, Any] = {
+                "color": LAW_COLOURS[law],
+                "linewidth": THIN,
+                "label": None if i else "in each trial, with damping",
+            }
+            axes.plot(MM * (where.length - where.along)[trial.rows], force[trial.rows], style, **thin)
     axes.fill_between(
         left, 0, 1, where=inside, transform=axes.get_xaxis_transform(), color=COMFORTABLE, alpha=0.2, linewidth=0,
         label="path within $W_c$: no force",
@@ -213,25 +218,3 @@ def along_figure(of: ScenarioTrials) -> Figure:
     axes.axvline(0, color=REFERENCE, linestyle=":", label="target")
     axes.set(xlabel="path that is left to the target [mm]", ylabel="force along the path, towards the target [N]")
     return legend_below(figure)
-
-
-def _draw_trials(axes: Axes, of: ScenarioTrials, law: Law, marker: str) -> None:
-    """Draw the median commanded force of all trials outside W_c over the remaining path length."""
-    left, along = [], []
-    for trial in of.trials[law]:
-        where, outside = projected(trial["_hand"], of.context.reference), ~trial["inside"]
-        left.append((where.length - where.along)[outside])
-        along.append((trial["force_commanded"] * where.tangent).sum(axis=1)[outside])
-    every, force = np.concatenate(left), np.concatenate(along)
-    if not len(every):
-        return
-    edges = np.linspace(0.0, float(every.max()) + 1e-9, BINS + 1)
-    which, thin = np.digitize(every, edges) - 1, dict[str, Any](linewidth=THIN, color=LAW_COLOURS[law])
-    for i in range(BINS):
-        within = force[which == i]
-        if len(within) >= ENOUGH:
-            low, middle, high = np.percentile(within, (10, 50, 90))
-            place = MM * (edges[i] + edges[i + 1]) / 2
-            axes.plot([place, place], [low, high], **thin)
-            axes.plot(place, middle, marker, color=LAW_COLOURS[law])
-    axes.plot([], [], marker, linestyle="-", **thin, label="in the trials, with damping (median, 10 to 90 %)")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -241,9 +241,9 @@ def _same_limits(row: NDArray[np.object_]) -> None:
 
 
 def deviation_figure(of: ScenarioTrials) -> Figure:
-    """Every trial as a thin line, and their mean as a thick one, on one scale; numbers mark the point to hold."""
-    context, holds = of.context, of.context.mode == "hold"
-    of_what = "the point to be held, numbered, while it was" if holds else "the point of the path that is due"
+    """Every trial as a thin line, and their mean as a thick one; all on one scale."""
+    context = of.context
+    of_what = "the point to be held, while it was" if context.mode == "hold" else "the point of the path that is due"
     figure = framed(
         f"Distance of the hand from {of_what}: every trial (thin) and their mean. {count_words(of)}",
         0.7 + 1.2 * len(of.trials),
@@ -258,14 +258,5 @@ def deviation_figure(of: ScenarioTrials) -> Figure:
         _draw_over_time(axes, law, trials, deviation)
         axes.set_title(LAW_NAMES[law], color=LAW_COLOURS[law])
     label_times(rows, *["deviation [mm]"] * len(rows), from_zero=True)
-    _number_points(context.reference if holds else (), next(iter(of.trials.values()))[0], rows)
     _label_trials(rows[0], of)
     return legend_below(figure)
-
-
-def _number_points(points: Iterable[Array], trial: Trace, rows: NDArray[np.object_]) -> None:
-    at: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "top"}
-    for i, point in enumerate(points, start=1):
-        held = trial["t_s"][(trial["goal"] == point).all(axis=1)]
-        for axes in rows if len(held) else ():
-            axes.annotate(str(i), (held.mean(), 0.97), **at)
