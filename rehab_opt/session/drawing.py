@@ -119,10 +119,9 @@ def _peak(axes: Axes, line: Line2D) -> float:
 
 
 LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
-    "optimised": {"color": OKABE_ITO[0], "linestyle": "-"},
-    "published": {"color": OKABE_ITO[1], "linestyle": "--"},
+    "optimised": {"color": OKABE_ITO[0], "linestyle": "-", "label": "ours"},
+    "published": {"color": OKABE_ITO[1], "linestyle": "--", "label": "published controller"},
 }
-LAW_NAMES = {"optimised": "ours", "published": "published controller"}
 STRETCHED = 2.0
 """Times a limit, where a panel ends; a note names what goes beyond."""
 
@@ -163,8 +162,7 @@ def figure_over_time(
         for axes, panel in zip(column, panels, strict=True):
             for order, (law, trace) in enumerate(of.items()):
                 # Dashes over what they agree with.
-                style = {"label": LAW_NAMES.get(law, law), **styles[law], "zorder": 4 + 0.5 * order}
-                axes.plot(trace["t_s"], panel.of(trace), **style)
+                axes.plot(trace["t_s"], panel.of(trace), **{**styles[law], "zorder": 4 + 0.5 * order})
             for i, when in enumerate((events or {}).get(group, ()), start=1):
                 axes.axvline(when, color=EVENT, linewidth=THIN, label=event if i == 1 else None)
                 at = {"xycoords": ("data", "axes fraction"), "va": "top"}
@@ -231,15 +229,15 @@ def path_figure(reference: Array, paths: Mapping[str, Array]) -> Figure:
         wide = {"color": REFERENCE, "linewidth": BROAD, "alpha": 0.25}
         axes.plot(MM * reference[:, a], MM * reference[:, b], **wide, label="reference")
         for law, path in paths.items():
-            axes.plot(MM * path[:, a], MM * path[:, b], **LAW_STYLES[law], label=LAW_NAMES[law])
+            axes.plot(MM * path[:, a], MM * path[:, b], **LAW_STYLES[law])
         axes.plot(MM * reference[0, a], MM * reference[0, b], "o", color=REFERENCE, label="start")
         axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[a]} [mm]", ylabel=f"{'xyz'[b]} [mm]")
     return legend_below(figure)
 
 
-def joint_figure(chain: SerialChain, joints: Mapping[str, tuple[Array, Array, Mapping[str, Any]]]) -> Figure:
-    """One panel for each joint; `joints` holds times (N,) [s], values (N, n) [rad] and their style by label."""
-    rows, count = math.ceil(chain.n / 2), max(len(times) for times, _, _ in joints.values())
+def joint_figure(chain: SerialChain, joints: Sequence[tuple[Array, Array, Mapping[str, Any]]]) -> Figure:
+    """One panel for each joint; `joints` holds times (N,) [s], values (N, n) [rad], and their style and label."""
+    rows, count = math.ceil(chain.n / 2), max(len(times) for times, _, _ in joints)
     figure = framed(
         "Angles of the joints [deg] over time. Each panel is headed by the joint's range; grey: outside it, where that "
         f"is near. n = {count} samples.",
@@ -248,8 +246,8 @@ def joint_figure(chain: SerialChain, joints: Mapping[str, tuple[Array, Array, Ma
     grid = np.atleast_1d(figure.subplots(rows, 2, sharex=True)).ravel()
     limits_seen = False
     for joint, axes in enumerate(grid[: chain.n]):
-        for label, (times, q, style) in joints.items():
-            axes.plot(times, np.rad2deg(q[:, joint]), **style, label=label)
+        for times, q, style in joints:
+            axes.plot(times, np.rad2deg(q[:, joint]), **style)
         limits_seen |= _shade_limits(axes, chain, joint)
         axes.set_title(f"{chain.names[joint].replace('_', ' ')}, {_range(chain, joint)}", parse_math=False)
         axes.margins(x=0.01)

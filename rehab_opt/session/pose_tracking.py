@@ -26,7 +26,6 @@ from rehab_opt.plants.touched import TouchedPlant
 from rehab_opt.recordings.reading import read_recording
 from rehab_opt.session.clearance import ClearanceSection, NearestBodies, clearance_key, clearance_of, nearest_bodies
 from rehab_opt.session.drawing import (
-    LAW_NAMES,
     LAW_STYLES,
     MM,
     Gaps,
@@ -416,7 +415,7 @@ class PoseTrackingSystem(SceneSystem[PoseTracking, PoseTrackingScene]):
         """Figures of the path, the joints and the errors, and of servos and distances to bodies if there are any."""
         (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
         fastest = scene.chain.velocity
-        joints = {LAW_NAMES["optimised"]: (trace["t_s"], trace["joint"], LAW_STYLES["optimised"])}
+        joints = [(trace["t_s"], trace["joint"], LAW_STYLES["optimised"])]
         panels = (
             Panel("position error [mm]", lambda of: MM * of["position_error_m"]),
             Panel("orientation error [deg]", lambda of: np.rad2deg(of["orientation_error_rad"])),

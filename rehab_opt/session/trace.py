@@ -37,11 +37,14 @@ class Trace(dict[str, NDArray[Any]]):
 
 
 def stacked(traces: Mapping[tuple[Any, ...], Trace], labels: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Written columns of several traces, one below the other, with a label column per level of names; else NaN."""
+    """Written columns of several traces, one below the other, with a label column per level of names.
+
+    Cells of a column that a trace lacks are empty.
+    """
     tables = {key: dict(trace.written()) for key, trace in traces.items()}
     sizes = [len(table["t_s"]) for table in tables.values()]
     for i, label in enumerate(labels):
         yield label, np.repeat([key[i] for key in traces], sizes)
-    for name in max(tables.values(), key=len):
-        parts = zip(tables.values(), sizes, strict=True)
-        yield name, np.concatenate([table.get(name, np.full(size, np.nan)) for table, size in parts])
+    for name, column in max(tables.values(), key=len).items():
+        parts, empty = zip(tables.values(), sizes, strict=True), "" if column.dtype.kind in "UO" else np.nan
+        yield name, np.concatenate([table.get(name, np.full(size, empty)) for table, size in parts])

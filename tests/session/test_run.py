@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rehab_opt.session.drawing import LAW_NAMES
+from rehab_opt.session.drawing import LAW_STYLES
 from rehab_opt.session.files import load_problem
 from rehab_opt.session.outcome import Outcome
 from rehab_opt.session.report import metrics_json, write_trace
@@ -179,5 +179,5 @@ def test_recording_is_followed_where_it_is_within_reach(
         for law in laws:
             height = 1e3 * np.abs(of[law]["drive_hand"][:, 2] - trace["path"][0, 2]).max()
             labels = [text.get_text() for text in drawn["hand_path"].legends[0].get_texts()]
-            (said,) = [label for label in labels if label.startswith(LAW_NAMES[law])]
+            (said,) = [label for label in labels if label.startswith(LAW_STYLES[law]["label"])]
             assert (f"up to {height:.0f} mm off the plane" in said) == (height >= 1.0)

@@ -15,7 +15,6 @@ from rehab_opt.session.ardis.problem import GoalSection
 from rehab_opt.session.drawing import (
     BROAD,
     EVENT,
-    LAW_NAMES,
     LAW_STYLES,
     NARROW,
     OKABE_ITO,
@@ -146,7 +145,7 @@ def _top_view(
         _draw_chairs(axes, robot, trace["joint"])
         for order, law in enumerate(("published", "optimised")):
             style = {**LAW_STYLES[law], "zorder": 4.5 - 0.5 * order}
-            axes.plot(*traces[drive, law]["hand"][:, :2].T, **style, label=LAW_NAMES[law])
+            axes.plot(*traces[drive, law]["hand"][:, :2].T, **style)
         axes.plot(*trace["hand"][0, :2], "o", color=REFERENCE, label="hand at the start", zorder=5)
         axes.set(xlim=(left, right), ylim=(low, high))
         axes.set_title(f"{drive} drive")

@@ -44,7 +44,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     """The figures of the runs by file name (without suffix)."""
     task, laws = task_of(outcome), {name: trace for (name,), trace in outcome.traces.items()}
     drives = {name: trace["_drive"].item() for name, trace in laws.items()}
-    joints = {STYLES[name]["label"]: (of["t_s"], of["joint"], _unlabelled(name)) for name, of in drives.items()}
+    joints = [(of["t_s"], of["joint"], STYLES[name]) for name, of in drives.items()]
     of_step, near = f" ({STYLES[STEP]['label']})", task.near(laws[STEP])
     drawn = {
         "manipulability": _manipulability(task, drives),
@@ -59,10 +59,6 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
         motion = Trace({**laws[STEP], "velocity": laws[STEP]["_velocity"]})
         drawn["servos"] = servo_figure(task.robot.names, motion, task.robot.velocity, of=of_step)
     return drawn
-
-
-def _unlabelled(name: str) -> dict[str, Any]:
-    return {key: value for key, value in STYLES[name].items() if key != "label"}
 
 
 def _n(drives: Mapping[str, Trace]) -> str:

@@ -12,7 +12,6 @@ from rehab_opt.session.drawing import (
     ACROSS,
     BROAD,
     FORWARD,
-    LAW_NAMES,
     LAW_STYLES,
     MISSED,
     MM,
@@ -40,7 +39,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     """Figures of a run by file name without suffix."""
     (scene,), (trace,) = outcome.scenes.values(), outcome.traces.values()
     of = {law: law_columns(trace, law) for law in scene.laws}
-    joints = {LAW_NAMES[law]: (each["drive_time_s"], each["drive_joint"], LAW_STYLES[law]) for law, each in of.items()}
+    joints = [(each["drive_time_s"], each["drive_joint"], LAW_STYLES[law]) for law, each in of.items()]
     return {
         "hand_path": _hand_path(outcome, scene, of),
         "joints": joint_figure(scene.arm, joints),
@@ -71,7 +70,9 @@ def _hand_path(outcome: Outcome, scene: Any, of: dict[str, dict[str, Any]]) -> F
     for law, each in of.items():
         height = MM * outcome.metrics[law]["drive"]["height_off_plane_max_m"]
         off = f" (up to {height:.0f} mm off the plane)" if height >= SEEN else ""
-        axes.plot(*(MM * each["drive_hand"][:, :2]).T, **LAW_STYLES[law], label=f"{LAW_NAMES[law]}{off}")
+        axes.plot(
+            *(MM * each["drive_hand"][:, :2]).T, **{**LAW_STYLES[law], "label": f"{LAW_STYLES[law]['label']}{off}"}
+        )
     axes.set(aspect="equal", adjustable="datalim", xlabel=ACROSS, ylabel=FORWARD)
     return legend_below(figure)
 
