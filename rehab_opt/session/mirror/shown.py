@@ -106,7 +106,8 @@ def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
 
     def speed(of: Trace) -> Array:
         place = of["_tool"][:, :3, 3]
-        return np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1) / (of["t_s"][1] - of["t_s"][0])
+        way = np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1)
+        return np.asarray(way / (of["t_s"][1] - of["t_s"][0]))
 
     return figure_over_time(
         f"Distance of the hand from the mirrored one, at most {allowed:g} mm for a controller with a floor; how the "

@@ -91,8 +91,8 @@ def _errors(scene: Any, time: Array, reachable: NDArray[np.bool_] | None, of: di
         ),
         gaps=scene.recording.gaps,
     )
-    for axes in figure.axes if reachable is not None else ():
-        _shade_missed(axes, time, ~reachable)
+    for axes in figure.axes:
+        _shade_missed(axes, time, np.zeros(len(time), dtype=bool) if reachable is None else ~reachable)
     return figure
 
 
