@@ -1,6 +1,6 @@
-"""Motion-capture markers of a C3D file (c3d.org), of Intel and MIPS processors, in integers or floats.
+"""Read motion-capture markers from C3D files (c3d.org) of Intel and MIPS processors, with integers or floats.
 
-Every length and offset in the file is checked against the file's size before use.
+All lengths and offsets in a file are checked against the file's size before use.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ __all__ = ["read_c3d"]
 Array = NDArray[np.float64]
 
 BLOCK = 512
-"""[byte] Block size of a C3D file."""
+"""Block size [byte] of a C3D file."""
 MAGIC = 0x50
 BYTE_ORDERS, DEC = {84: "<", 86: ">"}, 85
-"""Byte orders by processor; the floats of DEC are not IEEE floats."""
+"""Byte orders by the number of the processor; DEC is not supported, because its floats are not IEEE floats."""
 MOST_FRAMES = 65535
-"""Largest number of frames that the header can state."""
+"""Largest number of frames that the header of a C3D file can state."""
 TEXT, BYTE, INTEGER, REAL = -1, 1, 2, 4
 
 
 NO_PLACES = ("ANGLES", "MOMENTS", "POWERS", "FORCES", "SCALARS", "REACTIONS")
-"""Parameters of POINT that list entries stored as markers without being markers."""
+"""Names of POINT parameters that list entries which are stored like markers but are not positions."""
 
 
 class _Header(NamedTuple):
@@ -50,11 +50,12 @@ class _Header(NamedTuple):
 
 
 def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it is missing; trials between events.
+    """Path (N, 3) [m] of one marker in the laboratory's frame, NaN where the marker is missing; trials from events.
 
     Raises
     ------
-    ProblemFileError : no C3D or a truncated one, no such marker, unit or rate, or an entry that is no marker.
+    ProblemFileError : the file is not a C3D file or is truncated, the marker, the unit or the rate is missing, or the
+        entry is not a marker.
     """
     content = file_content(path, name, max_size=MAX_RECORDING_SIZE)
     header, parameters, notes = _read_header(content, name)
@@ -77,12 +78,12 @@ def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _own(label: str) -> str:
-    """A label without the subject's name."""
+    """Label of a marker without the subject's name."""
     return label.rpartition(":")[2]
 
 
 def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
-    """Texts of POINT:KEY, KEY2, KEY3 and so on, with at most 255 each."""
+    """All texts of the parameters POINT:KEY, POINT:KEY2, POINT:KEY3 and so on."""
     names = [f"POINT:{key}", *(f"POINT:{key}{number}" for number in range(2, 256))]
     return [text for name in names for text in _texts(parameters.get(name))]
 
@@ -90,9 +91,10 @@ def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
 def _trials(  # noqa: PLR0917  (events, and the frames that they are among)
     parameters: Mapping[str, object], asked: str, rate: float, first: int, count: int, name: str
 ) -> tuple[tuple[str, int, int], ...]:
-    """Trials from each event named `asked` to the next; for "begin,end" from each first event to the next second one.
+    """Trials (name, first row, last row) between events: from each event `asked` to the next one of this name.
 
-    Events have times [minutes, s] since frame 1; `first` is the number of the first stored frame.
+    For `asked` = "begin,end", a trial lasts from each event "begin" to the next event "end". Events have times
+    [minutes, s] since frame 1; `first` is the number of the first stored frame.
     """
     labels, moments = _texts(parameters.get("EVENT:LABELS")), parameters.get("EVENT:TIMES")
     pairs = moments[: 2 * len(labels)].reshape(-1, 2) if isinstance(moments, np.ndarray) else np.empty((0, 2))
@@ -139,7 +141,7 @@ def _read_header(content: bytes, name: str) -> tuple[_Header, dict[str, object],
 
 
 def _frames(parameters: Mapping[str, object], first: int, last: int) -> int:
-    """Number of frames, from the header or, if that is too small for it, from the parameters."""
+    """Number of frames, from the header or, if the header cannot state such a large number, from the parameters."""
     frames = (last - first + 1) % (MOST_FRAMES + 1)
     ends = [parameters.get(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
     low, high = (
@@ -159,10 +161,10 @@ def _frame_bytes(header: _Header) -> int:
 
 
 def _marker(content: bytes, header: _Header, number: int) -> Array:
-    """(frames, 3) in the file's unit, NaN where the marker is missing."""
+    """Positions (frames, 3) of a marker in the file's unit, NaN where the marker is missing."""
     kind = f"{header.order}f4" if header.scale < 0 else f"{header.order}i2"
     words = np.frombuffer(content, kind, count=header.frames * (4 * header.points + header.analog), offset=header.start)
-    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+    with np.errstate(invalid="ignore"):  # conversion of a signalling NaN would warn
         seen = words.reshape(header.frames, -1)[:, 4 * number : 4 * number + 4].astype(np.float64)
     points = seen[:, :3] * (1.0 if header.scale < 0 else header.scale)
     points[(seen[:, 3] < 0) | ~np.isfinite(points).all(axis=1)] = math.nan
@@ -170,7 +172,7 @@ def _marker(content: bytes, header: _Header, number: int) -> Array:
 
 
 def _parameters(section: bytes, order: str) -> dict[str, object]:
-    """Values by `GROUP:NAME`: texts as a list, numbers as an array. Truncated parameters are left out."""
+    """Parameters by `GROUP:NAME`, texts as a list and numbers as an array; truncated parameters are left out."""
     groups: dict[int, str] = {}
     found: list[tuple[int, str, object]] = []
     at = 4
@@ -185,7 +187,7 @@ def _parameters(section: bytes, order: str) -> dict[str, object]:
             groups[-group] = label
         else:
             found.append((group, label, _value(section[body + 2 :], order)))
-        if onward < 2:  # the last one; less would go back, and round
+        if onward < 2:  # 0 marks the last parameter; 1 would not move forward
             break
         at = body + onward
     return {f"{groups.get(group, '')}:{label}": value for group, label, value in found}

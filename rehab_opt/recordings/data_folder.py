@@ -1,4 +1,4 @@
-"""Folder of recordings that the project does not ship, and the message for users without them."""
+"""Folder of recordings that are not shipped with rehab_opt, and the error message if a recording is missing."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ ORIGINS = {
     "cp_dyskinetic_reach": "IntiVM/SPM_UL_DyskineticCP (MIT), folder PART 2_NON-LINEAR_SPM",
     "vr_hand_tracker": "hai-vr/hvr-ik (Apache-2.0), folder Tooling/Training/Data",
 }
-"""GitHub repository of each folder of recordings."""
+"""GitHub repository, licence and source folder of each folder of recordings."""
 
 
 def data_folder() -> Path:
-    """The folder of recordings: $REHAB_OPT_DATA, or `../shared/data` beside the checkout; it may be missing."""
+    """Path of the folder of recordings, which may be missing: $REHAB_OPT_DATA, or `../shared/data` by the checkout."""
     named = os.environ.get(ENVIRONMENT)
     if named:
         return Path(named)
@@ -31,11 +31,11 @@ def data_folder() -> Path:
 
 
 def data_file(reference: str, *, problem: str, key: str) -> Path:
-    """The file of a reference `data:folder/name`.
+    """Path of the file for a reference `data:folder/name`.
 
     Raises
     ------
-    ProblemFileError : the file is missing (the message names its origin), or the reference leaves the folder.
+    ProblemFileError : the file is missing (the message names its source), or the reference leads out of the folder.
     """
     inside = PurePosixPath(reference.removeprefix(PREFIX))
     if inside.is_absolute() or ".." in inside.parts or len(inside.parts) < 2:
@@ -43,7 +43,7 @@ def data_file(reference: str, *, problem: str, key: str) -> Path:
     path = data_folder() / inside
     try:
         present = path.exists()
-    except (OSError, ValueError):  # a name no file can have
+    except (OSError, ValueError):  # the name is invalid for a file
         present = False
     if not present:
         origin = ORIGINS.get(inside.parts[0])

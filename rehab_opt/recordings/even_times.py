@@ -1,4 +1,4 @@
-"""Undo the rounding of evenly spaced times."""
+"""Restore evenly spaced times that a recording has rounded."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ __all__ = ["even_times"]
 Array = NDArray[np.float64]
 
 FINEST, COARSEST, EVENLY, BEATS = -6, -1, 1e-3, 10
-"""Finest and coarsest power of ten [s] to which times may be rounded; smallest rounding that matters, as a fraction of
-a step; number of longer steps from which they are a beat of the clock rather than missing rows."""
+"""Exponents of the finest and coarsest power of ten [s] to which times may be rounded; smallest relevant rounding, as a
+fraction of a step; number of long steps from which these come from a coarse clock rather than from missing rows."""
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Times (N,) [s], or the even times from which they were rounded; and a note.
+    """Even times (N,) [s] if the given times are rounded even times, otherwise the given times; and a note.
 
-    A recording at 240 Hz with times of three decimals has steps of 4 and 5 ms, which cause false accelerations. Even
-    times are used if all written times agree with them to their decimals, or to a coarser clock.
+    At 240 Hz, times with three decimals have steps of 4 and 5 ms, which would cause false accelerations. Times count as
+    rounded if all of them agree with even times to their number of decimals, or to the step of a coarser clock.
 
     Parameters
     ----------
-    rate : [Hz] from the file; by default it is found from the times.
+    time : times (N,) [s] in the file. rate : rate [Hz] in the file; by default the rate is found from the times.
     """
     said: tuple[str, ...] = ()
     if len(time) < 3 or not np.isfinite(time).all() or not (np.diff(time) >= 0).all() or time[-1] == time[0]:
@@ -48,7 +48,7 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
     counts = [np.append(0.0, np.cumsum(np.rint(steps / usual)))] if usual > 1.01 * unit else []
     few = 1.05 * unit < usual < 1.9 * unit and steps.min() > 0
     if few or held or beats:
-        counts.append(rows)  # too coarse for the rate: no row is missing then, if all fit
+        counts.append(rows)  # the times are too coarse to tell missing rows: try even times without missing rows
     for count in counts if unit else ():
         step = float(np.polyfit(count, t, 1)[0]) if (np.diff(count) > 0).all() else 0.0
         if step > 0 and np.ptp(t - count * step) <= 1.1 * unit:
@@ -60,7 +60,7 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
 
 
 def _clock(t: Array, about: float, unit: float) -> float:
-    """[s] Step of a clock of which these times, written to `unit`, are whole numbers of steps; 0 if they are not."""
+    """Step [s] of a clock that explains the times `t`, written to `unit`, as whole numbers of steps; 0 for none."""
     steps = np.diff(t)
     ends, near = np.cumsum(steps), steps[(steps > 0.5 * about) & (steps < 1.5 * about)]
     counts = np.cumsum(np.rint(steps / (near.mean() if near.size else about)))

@@ -1,4 +1,4 @@
-"""Motion-capture markers (.trc): frames of named markers in space, separated by tabs or commas."""
+"""Read motion-capture markers from .trc files, whose cells are separated by tabs or commas."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from rehab_opt.text_file import LATEST, finite_number, header_cells, number_in, 
 
 __all__ = ["marker_place", "read_trc"]
 
-FIRST_ROW = 6  # below path, fact names, facts, marker names and axes (a sixth, empty line is usual and skipped)
+FIRST_ROW = 6  # line below path, names of facts, facts, names of markers, and axes
 
 
 def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path of one marker, (N, 3) [m] in the laboratory's frame, NaN where it is missing.
+    """Path (N, 3) [m] of one marker in the laboratory's frame, NaN where the marker is missing.
 
-    Names of markers are above their coordinates, or in their order; coordinates after the last name belong to unnamed
-    markers.
+    The name of a marker is above its coordinates, or all names are in the order of the coordinates. Coordinates after
+    the last name belong to unnamed markers.
 
     Raises
     ------
-    ProblemFileError : no such marker, an unknown length unit, a row of the wrong length, a cell that is no number. A
-        wrong frame count in the header gives a note.
+    ProblemFileError : the marker is missing, the unit of length is unknown, a row has the wrong length, or a cell is
+        not a number.
     """
     lines = text_lines(path, name)
     if len(lines) < FIRST_ROW or not lines[0].startswith("PathFileType"):
         raise ProblemFileError(name, "line 1", shown(lines[0]), "a .trc header: PathFileType, and four lines more")
     separator = "\t" if "\t" in lines[3] else ","
-    # Some separate facts by two tabs, their names by one: neither is ever empty.
+    # Facts and their names are never empty; some programs put two tabs between facts, but one between names.
     facts = dict(zip(*([c.strip() for c in line.split(separator) if c.strip()] for line in lines[1:3]), strict=False))
     if separator not in lines[3]:
         raise ProblemFileError(name, "line 4", shown(lines[3]), "cells separated by tabs or commas")
@@ -54,7 +54,7 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
     place = 2 + 3 * marker_place(how.marker, markers, name, count=(whole - 2) // 3)
     table = []
     for number, row in rows:
-        if len(row) < whole or any(row[whole:]):  # one cell less, and every marker behind it is another's
+        if len(row) < whole or any(row[whole:]):  # a missing cell would shift the coordinates of all later markers
             expected = f"{whole}: frame, time, and x, y, z of {(whole - 2) // 3} markers"
             raise ProblemFileError(name, f"line {number}", f"{len(row)} cells", expected)
         time = finite_number(row[1], name=name, line=number, column="Time", most=LATEST / second)
@@ -74,7 +74,10 @@ def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _markers(header: Sequence[str], filled: int, name: str) -> list[str]:
-    """Names by coordinate column, "" for an unnamed marker; `filled` counts the numeric cells of some row."""
+    """Names of the markers in the order of their coordinates, "" for an unnamed marker.
+
+    `filled` is the number of cells up to the last filled cell of any row.
+    """
     above = list(header[2::3])
     while above and not above[-1]:
         above.pop()
@@ -89,9 +92,13 @@ def _markers(header: Sequence[str], filled: int, name: str) -> list[str]:
 def marker_place(
     marker: str | int | None, markers: Sequence[str], name: str, *, count: int, but: Collection[str] = ()
 ) -> int:
-    """Index of a marker by its full name, by its name without the subject, or by its number up to `count`.
+    """Index of a marker by its full name, by its name without the subject, or by its number from 1 to `count`.
 
-    If there is no such marker, or several, the error lists some markers without subjects, which may be names of people.
+    The error message lists markers without subjects, since a subject may be a person's name.
+
+    Raises
+    ------
+    ProblemFileError : there is no such marker, or several.
     """
     own = [each.rpartition(":")[2] for each in markers]
     names = markers if marker in markers else own

@@ -1,4 +1,4 @@
-"""Motion-BIDS: samples without a header (_motion.tsv), their columns (_channels.tsv), and their rate (json)."""
+"""Read Motion-BIDS recordings: samples (_motion.tsv), columns (_channels.tsv), and sampling rate (_motion.json)."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["MOTION", "REQUIRED", "read_motion"]
 
 MOTION = "_motion.tsv"
 REQUIRED = ("name", "component", "type", "tracked_point", "units")
-"""Required columns of a _channels.tsv, in the standard's order."""
+"""Required columns of a _channels.tsv file, in the order of the standard."""
 
 
 def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path of one tracked point, (N, 2) or (N, 3) [m], and every joint angle (`JNTANG`); NaN for cells `n/a`.
+    """Path (N, 2) or (N, 3) [m] of one tracked point, and all joint angles (`JNTANG`); NaN for cells `n/a`.
 
-    Times come from the channel `LATENCY` or from `SamplingFrequency`. A single tracked point needs no name. Sidecar
-    files may be in a folder above and name fewer entities, as in the standard.
+    Times come from the channel `LATENCY` or from `SamplingFrequency`. If there is a single tracked point, the user need
+    not name it. Sidecar files may be in a folder above and name fewer entities, as the standard allows.
 
     Raises
     ------
-    ProblemFileError : no _channels.tsv or _motion.json, no such point, a wrong unit for the type, a row of the wrong
-        length, a cell that is no number.
+    ProblemFileError : a sidecar file or the tracked point is missing, a unit does not fit the channel's type, a row has
+        the wrong length, or a cell is not a number.
     """
     if not path.name.endswith(MOTION):
         raise ProblemFileError(name, "file", shown(path.name, 80), f"a recording of Motion-BIDS, ending in {MOTION}")
@@ -59,7 +59,7 @@ def read_motion(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _places(channels: list[dict[str, str]], name: str, how: Reading) -> list[int]:
-    """Indices of the channels of the tracked point's x, y and, if present, z; none if there are joint angles alone."""
+    """Indices of the channels with x, y and, if present, z of the tracked point; empty without tracked points."""
     points = list(dict.fromkeys(each["tracked_point"] for each in channels if each["type"] == "POS"))
     if not points and how.marker is None and any(each["type"] == "JNTANG" for each in channels):
         return []
@@ -77,7 +77,7 @@ def _places(channels: list[dict[str, str]], name: str, how: Reading) -> list[int
 
 
 def _sidecars(path: Path, end: str) -> list[Path]:
-    """Sidecar files with this ending for a recording, the nearest first; their entities are a subset of its own."""
+    """Sidecar files of a recording with this ending, nearest first; their entities are a subset of the recording's."""
     own = {*path.name.removesuffix(MOTION).split("_")}
     found = []
     for folder in path.absolute().parents:
@@ -88,12 +88,12 @@ def _sidecars(path: Path, end: str) -> list[Path]:
         fits = [each for each in here if {*each.name.removesuffix(end[1:]).rstrip("_").split("_")} - {""} <= own]
         found += sorted(fits, key=lambda each: -len(each.name))
         if not any(each.startswith(("sub-", "ses-")) for each in (folder.name, folder.parent.name)):
-            break  # above the participants' folders lies what is no part of the dataset
+            break  # folders above the participants' folders are not part of the dataset
     return found or [path.with_name(path.name.removesuffix(MOTION) + end)]
 
 
 def _channels(path: Path, name: str) -> list[dict[str, str]]:
-    """The channels in order; `name` is the recording's name in errors."""
+    """Rows of the _channels.tsv file in order; `name` is the recording's name in error messages."""
     beside = _sidecars(path, "_channels.tsv")[0]
     said = f"{name}, {beside.name}"
     lines = text_lines(beside, said)
@@ -115,7 +115,7 @@ def _channels(path: Path, name: str) -> list[dict[str, str]]:
 
 
 def _channel(channels: list[dict[str, str]], name: str, **facts: str) -> int | None:
-    """Index of the channel with these `facts`, or None."""
+    """Index of the channel whose cells have these values; None without such a channel."""
     found = [i for i, each in enumerate(channels) if all(each[key] == value for key, value in facts.items())]
     if len(found) > 1:
         raise ProblemFileError(name, "channels", " and ".join(channels[i]["name"] for i in found), f"one of {facts}")

@@ -1,4 +1,4 @@
-"""OpenSim's files of motion (.mot) and of other quantities over time (.sto)."""
+"""Read OpenSim's motion files (.mot) and storage files (.sto)."""
 
 from __future__ import annotations
 
@@ -16,34 +16,33 @@ from rehab_opt.text_file import LATEST, brief, header_cells, number_in, shown, t
 __all__ = ["read_opensim"]
 
 LENGTHS = {".mot": r"(^|[_/])t[xyz]$|trans[XYZ]$", ".sto": r"(^|[_/])t[xyz]$|trans[XYZ]$|_[XYZxyz]$"}
-"""Column names in metres; those of body kinematics in a .sto end in an axis."""
+"""Patterns of the names of columns in metres; in a .sto file of body kinematics, these names end in an axis."""
 OTHERS = re.compile(
     r"force|moment|torque|dynamics|optimi[sz]ation|activation|excitation|control|reaction|power|length|fiber|tendon|"
     r"pennation|muscle|error|probe|energy|emg|electromyo|point",
     re.IGNORECASE,
 )
-"""Words in line 1 for quantities other than positions and joint angles."""
+"""Words in line 1 that mark quantities other than positions and joint angles."""
 NO_MOTION = re.compile(
     r"activation|excitation|control|fib(er|re)|tendon|pennation|muscle|force|torque|moment|power|"
     r"reserve|residual|lambda|energy|pressure|emg|(^|_)tau(_|$)|_u$|_udot$|_[fmpv][xyz]$|^/(?!jointset/.*/value$)",
     re.IGNORECASE,
 )
-"""Column names of other quantities: paths other than coordinate values, speeds, forces, muscles."""
+"""Pattern of names of columns that are neither positions nor joint angles, such as speeds, forces and muscles."""
 
 
 def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
-    """OpenSim motion or storage, separated by commas, tabs or blanks: joint angles, and lengths in metres.
+    """Joint angles and positions [m] of an OpenSim file whose cells are separated by commas, tabs or blanks.
 
-    Columns that end in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ` (of a .sto in `_X`, `_Y`, `_Z` too) are lengths
-    [m]; for a path such as `/jointset/shoulder/elevation/value` the coordinate's name counts. A column is an angle
-    unless line 1 or its name shows a speed, a force or a muscle; it is in degrees if the header says `inDegrees=yes`.
-    If neither header nor user state the unit, angles are left out, with a note. In a .sto without a title only paths
-    that end in `/value` are angles, unless the user states the unit of angles.
+    A column is a length [m] if its name ends in `tx`, `ty`, `tz` or `transX`, `transY`, `transZ`; in a .sto file also
+    `_X`, `_Y`, `_Z`. In a path such as `/jointset/shoulder/elevation/value`, the coordinate's name counts. Any other
+    column is an angle, unless line 1 or its name shows a speed, a force or a muscle. Angles are in degrees if the
+    header has `inDegrees=yes`; if neither header nor user state the unit, angles are left out with a note. In a .sto
+    file without a title, only paths that end in `/value` are angles, unless the user states the unit of angles.
 
     Raises
     ------
-    ProblemFileError : no `endheader`, no readable column, a missing column or one that is no position, a cell that is
-        no number.
+    ProblemFileError : `endheader` or a column is missing, a chosen column is not a position, or a cell is not a number.
     """
     lines = text_lines(path, name)
     ends = [i for i, line in enumerate(lines) if line.strip(", \t").lower() == "endheader"]
@@ -98,7 +97,7 @@ def read_opensim(path: Path, *, name: str, how: Reading) -> Samples:
 def _place(  # noqa: PLR0917  (a column, and what is known of all of them)
     column: str | int, header: list[str], lengths: set[str], strange: set[str], title: str, how: Reading, name: str
 ) -> str:
-    """The name of a column that holds a position."""
+    """Name of the chosen column; raises ProblemFileError if the column is missing or has no positions."""
     place = place_of(column, header)
     if place is None:
         expected = f"columns of {name}: {shown(', '.join(header), 120)}"
@@ -112,7 +111,7 @@ def _place(  # noqa: PLR0917  (a column, and what is known of all of them)
 
 
 def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:
-    """Whether angles are in degrees, "yes" or "no", or "" if they are not read; and a note."""
+    """Whether angles are in degrees ("yes" or "no"), or "" if angles are not read; and a note."""
     stated = {None: "", "deg": "yes", "rad": "no"}[how.stated("angle")]
     if RATES.search(title) or (OTHERS.search(title) and not stated):
         return "", f"its line 1 says {shown(title)}: no angles are read"

@@ -1,4 +1,4 @@
-"""Pen traces of a tablet (.svc): a count, then x y [mm], time [s], pen-down, and unused columns."""
+"""Read pen traces of a tablet (.svc): a line with the number of samples, then rows of x, y, time and pen state."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from rehab_opt.text_file import LATEST, finite_number, shown, text_lines
 __all__ = ["read_svc"]
 
 COLUMNS = ("x_mm", "y_mm", "t_s", "pen_down")
-DIGITS = 12  # a count with more is none, and Python refuses to read a very long one
+DIGITS = 12  # largest number of digits of the number of samples; Python cannot read very long numbers
 STRAIGHT = 20
-"""Number of samples with whole-number positions from which these count as raw counts."""
+"""Number of samples from which positions in whole numbers count as raw counts of the tablet."""
 
 
 def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
-    """Pen trace, from the first to the last sample with the pen down.
+    """Path (N, 2) [m] of the pen from the first to the last sample with the pen down.
 
-    Samples with the pen up at either end are dropped, because the task has not begun or is over; those in between stay.
-    Notes count both, and report a wrong count in the first line. Lengths are in mm and times in s unless stated
-    otherwise; whole numbers are raw counts, whose unit must be stated.
+    Samples with the pen up at the beginning and end are dropped, because the task has not begun or is over. Samples
+    with the pen up in between stay. Lengths are in mm and times in s unless the user states other units; the user must
+    state the unit of raw counts, which are whole numbers.
 
     Raises
     ------
-    ProblemFileError : no pen trace, raw counts without a unit, decreasing times, a pen that is never down.
+    ProblemFileError : the file is not a pen trace, raw counts have no unit, times decrease, or the pen is never down.
     """
     lines = text_lines(path, name)
     stated = lines[0].strip()
@@ -68,7 +68,7 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _check_counts(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], how: Reading, name: str) -> None:
-    """Raise an error for raw counts without a stated unit: steps of whole seconds, or only whole millimetres."""
+    """Raise an error for raw counts without a stated unit: whole millimetres, or steps of whole seconds."""
     whole = (samples == np.rint(samples)).all(axis=0)
     seconds = len(samples) > 1 and whole[2] and float(np.median(np.diff(samples[:, 2]))) >= 1
     asked = [

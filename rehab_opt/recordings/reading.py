@@ -36,7 +36,7 @@ __all__ = ["FORMATS", "read_recording", "resampled"]
 
 Array = NDArray[np.float64]
 
-MAX_SAMPLES = 200_000  # a longer path is far more likely a wrong time unit than a session
+MAX_SAMPLES = 200_000  # a path with more samples probably has a wrong unit of time
 
 
 _X, _Y, _Z = np.eye(3)
@@ -44,7 +44,7 @@ UPWARDS: Mapping[str, tuple[Array, ...]] = MappingProxyType({
     "z": (_X, _Y, _Z), "y": (_X, -_Z, _Y), "x": (-_Z, _Y, _X),
     "-z": (_X, -_Y, -_Z), "-y": (_X, _Z, -_Y), "-x": (_Z, _Y, -_X),
 })  # fmt: skip
-"""Rows of the rotation that turns a recording's up axis to z, by that axis."""
+"""Rows of the rotation that turns a recording so that the given axis, which points up, becomes z."""
 READERS: Mapping[str, Callable[..., Samples]] = MappingProxyType({
     ".csv": read_csv, ".svc": read_svc, ".mot": read_opensim, ".sto": read_opensim, ".trc": read_trc, ".c3d": read_c3d,
     ".tsv": read_motion, ".xdf": read_xdf,
@@ -62,22 +62,22 @@ def read_recording(
     clean: bool = True,
     **reading: Any,
 ) -> Recording:
-    """Read a recording by its file's suffix.
+    """Read a recording; the file's suffix selects the format.
 
     Parameters
     ----------
-    path : a `.csv` with a header, a `.svc` pen trace, a `.mot`, `.sto`, `.trc`, `.c3d` or `_motion.tsv` motion
-        capture, an `.xdf`.
-    name : of the file in errors and notes; its path by default.
-    speed : factor on the recorded pace; 0.5 takes twice as long.
-    up : the axis that points up, such as "y"; the points are turned so that z points up.
-    window_s : (from, to) [s] after the first sample; samples outside are left out.
-    clean : whether to apply `without_spikes`.
-    reading : fields of `Reading`: columns, marker, units and others.
+    path : path of a `.csv` table, a `.svc` pen trace, an `.xdf` file, or motion capture in a `.mot`, `.sto`, `.trc`,
+        `.c3d` or `_motion.tsv` file.
+    name : name of the file in errors and notes; by default its path.
+    speed : playback speed; at 0.5 the movement takes twice as long.
+    up : the recording's axis that points up, such as "y"; the points are rotated so that z points up.
+    window_s : window (from, to) [s] after the first sample; samples outside the window are left out.
+    clean : whether sensor spikes are removed with `without_spikes`.
+    reading : further settings, the fields of `Reading`, such as columns, marker and units.
 
     Raises
     ------
-    ProblemFileError : invalid content; it names file, line, column, value and expectation.
+    ProblemFileError : the content is invalid; the message names file, line, column, value and expected values.
     """
     name, how = name or str(path), Reading(**reading)
     if not 0 < speed < math.inf:
@@ -129,15 +129,15 @@ def _turned(recording: Recording, up: str) -> Recording:
 
 
 def resampled(recording: Recording, rate: float) -> Recording:
-    """The recording at a fixed rate from time zero, by linear interpolation, with a note.
+    """The recording, resampled to a fixed rate from time zero by linear interpolation, with a note.
 
     Parameters
     ----------
-    rate : [Hz]. At most one sample period at the end is left out.
+    recording : recording to resample. rate : sampling rate [Hz]. At most one sampling period is lost at the end.
 
     Raises
     ------
-    ProblemFileError : the recording is shorter than one sample period, or too long for times in seconds.
+    ProblemFileError : the recording is shorter than one sampling period, or would have more than 200 000 samples.
     """
     wanted = recording.duration * rate
     if not 1 <= wanted + 1e-9 <= MAX_SAMPLES:

@@ -1,4 +1,4 @@
-"""A recording of a hand or of joints: samples at increasing times, and notes."""
+"""Recordings of a hand or of joints: samples at increasing times, with notes on removed samples and gaps."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Trial = tuple[str, float, float]
-"""Name, start and end [s]."""
+"""Name, start [s] and end [s] of a trial."""
 
 
 class Samples(NamedTuple):
-    """Samples as in the file: NaN where the hand is missing, and possibly repeated times.
+    """Samples as in a file, with NaN where the hand is missing, and possibly with repeated times.
 
     Parameters
     ----------
-    time, points, joints, forces, notes : as in `Recording`, to which `recording_of` converts them.
-    rate : [Hz] from the file, or None.
-    trials : name, first and last row of each.
+    time, points, joints, forces, notes : as in `Recording`.
+    rate : sampling rate [Hz] in the file, or None.
+    trials : name, first row and last row of each trial.
     """
 
     time: Array
@@ -57,18 +57,18 @@ class Recording:
 
     Parameters
     ----------
-    file : its name as the user gave it.
-    time : (N,) [s], N >= 2.
-    points : (N, 2) or (N, 3) positions [m] in the recording's own frame; (N, 0) without positions.
-    joints : joint angles [rad] by column name, (N,) each.
-    forces : (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) without forces.
-    notes : remarks for readers of the result: dropped samples, wrong headers, gaps.
-    trials : parts that the file separates; none by default.
-    gaps : (from, to) [s] without the hand, where a straight line bridges a movement.
+    file : name of the file as the user gave it.
+    time : times (N,) [s], N >= 2.
+    points : positions (N, 2) or (N, 3) [m] of the hand in the recording's frame; (N, 0) without positions.
+    joints : joint angles (N,) [rad] by column name.
+    forces : forces (N, 2) or (N, 3) [N] on the hand, in the frame of the points; (N, 0) without forces.
+    notes : notes on dropped samples, wrong headers and gaps.
+    trials : trials that the file separates; empty by default.
+    gaps : times (from, to) [s] without samples of the hand, which straight lines bridge.
 
     Raises
     ------
-    ProblemFileError : fewer than two samples, or times that do not increase.
+    ProblemFileError : there are fewer than two samples, or times do not increase.
     """
 
     file: str
@@ -81,7 +81,7 @@ class Recording:
     gaps: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the times and freeze the arrays."""
+        """Check the times and make the arrays read-only."""
         if len(self.time) < 2:
             raise ProblemFileError(self.file, "samples", len(self.time), "at least 2 valid samples")
         back = np.flatnonzero(~(np.diff(self.time) > 0))
@@ -97,11 +97,11 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """[s] from the first to the last sample."""
+        """Time [s] from the first to the last sample."""
         return float(self.time[-1] - self.time[0])
 
     def noting(self, *notes: str) -> Recording:
-        """The recording with more notes."""
+        """The recording with further notes."""
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
     def part(self, kept: NDArray[np.bool_] | slice) -> Recording:
@@ -112,34 +112,35 @@ class Recording:
 
 
 BUNCHED = 0.1
-"""Fraction of the usual step; stamps that are closer are arrival times of samples in bunches."""
+"""Fraction of the median step below which two time stamps are too close: the samples arrived in a bunch."""
 ASIDE, HURLED = 0.02, 150.0
-"""[m, m/s^2] Excursion and acceleration beyond which a single-sample jump is not the hand's."""
+"""Distance [m] and acceleration [m/s^2] above which a jump between two samples is not a motion of the hand."""
 FEW = 0.05
-"""Largest fraction of samples that are left out as spikes; with more, the recording itself is at fault."""
+"""Largest fraction of samples that may be left out as spikes; with more, no sample is left out."""
 SPIKE = 12, 0.1
-"""Longest spike, in samples and in [s], whichever is more; a longer one is a motion of the hand."""
+"""Longest spike in samples and in [s], whichever is longer; a longer excursion is a motion of the hand."""
 LONG_STEP = 0.1, 5.0
-"""Least length of a gap, in [s] and in usual steps."""
+"""Shortest gap in [s] and in median steps, whichever is longer."""
 FEWEST_SEEN, ZEROED, NEAR = 10, 1.5, 10
-"""Least number of other samples by which zeros are judged; least distance of a lost marker's zeros from the samples
-beside them, as a multiple of the longest of the next 10 steps there."""
+"""Rules for codes of a lost marker: smallest number of other samples to compare with; smallest distance from the
+neighbouring samples, as a multiple of the longest step nearby; number of steps nearby."""
 ENDLESS = 1e12
-"""[m] No unit of length makes a position as large as this."""
+"""Position [m] that is too large for any unit of length."""
 LEVER = 0.3
-"""[m] Radius, about a forearm's length, at which the turn of a joint is measured by the rules for the hand."""
+"""Radius [m], about a forearm's length, that converts joint angles to arcs for the rules on positions of the hand."""
 
 
 def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:
     """Convert samples of any format to a recording with increasing times and no missing positions.
 
-    Samples without the hand, or without an angle of joints alone, are left out with a note (a value is missing, or all
-    are zero far from the neighbouring samples), as are all but the first sample at one time. Rounded even times become
-    even; times that start again in each trial are moved behind the trial before.
+    Samples without the hand are left out with a note; so are samples at the time of the sample before, and, in a
+    recording of joints alone, samples without an angle. Rounded times become even. If times start again in each trial,
+    each trial is moved behind the trial before.
 
     Parameters
     ----------
-    rate_hz : [Hz] given by the user, in place of the times.
+    file : name of the file. samples : samples of the file.
+    rate_hz : sampling rate [Hz] that the user gives in place of the file's times.
 
     Raises
     ------
@@ -184,7 +185,7 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
 
 
 def _in_a_row(samples: Samples) -> tuple[Array, list[str]]:
-    """Times of samples whose clock starts again in some trials, one trial after the other; and all notes."""
+    """Times in which the trials follow one another, even if the clock starts again in each trial; and all notes."""
     time, again = samples.time.copy(), 0
     for row in sorted({row for _, first, last in samples.trials for row in (first, last + 1)} - {0, len(time)}):
         if time[row] < time[row - 1]:
@@ -203,11 +204,11 @@ def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
 
 
 def unseen(points: Array) -> NDArray[np.bool_]:
-    """(N,) flags of samples of points (N, d) without the hand.
+    """Flags (N,) of the samples of points (N, d) without the hand.
 
-    A coordinate is missing or beyond `ENDLESS`, or has a number that some systems write for a lost marker: all are zero
-    or equal (-9999), or one is a repeated number beyond `FARTHEST` (9999999). Such samples must be further from those
-    before and after than `ASIDE` and than `ZEROED` of their longest steps.
+    In such a sample, a coordinate is missing or beyond `ENDLESS`, or the coordinates are a code of a lost marker: all
+    are zero or equal (-9999), or one is a repeated number beyond `FARTHEST` (9999999). Codes count only if they are far
+    from the samples before and after.
     """
     lost: NDArray[np.bool_] = np.asarray(~(np.abs(points) < ENDLESS).all(axis=1))
     seen = np.flatnonzero(~lost)
@@ -231,13 +232,13 @@ def unseen(points: Array) -> NDArray[np.bool_]:
 
 
 def without_spikes(recording: Recording) -> Recording:
-    """The recording without bunched samples and sensor spikes; notes count them.
+    """The recording without sensor spikes and without samples whose time stamps are too close; notes count both.
 
-    Either would make a follower jump, and a spike would dominate the extent when a recording is scaled. A spike has few
-    samples; a jump that stays gives a note. Joint angles count as arcs of radius `LEVER`.
+    Such samples would make a controller that follows the path jump, and a spike would dominate the extent when the path
+    is scaled. A spike has few samples; a jump that stays gives a note. Joint angles count as arcs of radius `LEVER`.
     """
     steps = np.diff(recording.time)
-    bunched = np.append(steps < BUNCHED * np.median(steps), False)  # the first of two came late, not the second early
+    bunched = np.append(steps < BUNCHED * np.median(steps), False)  # of two close stamps, the first one is late
     if bunched.mean() > FEW:
         bunched[:] = False
     kept, notes, begun = recording.part(~bunched), [], recording.time[0]
@@ -264,7 +265,7 @@ def without_spikes(recording: Recording) -> Recording:
 
 
 def _paths(recording: Recording) -> Iterator[tuple[str | None, Array]]:
-    """The hand's path, and the arc (N, 1) [m] of each joint with its name."""
+    """Path (N, d) [m] of the hand with the name None, and the arc (N, 1) [m] of each joint with the joint's name."""
     if recording.points.shape[1]:
         yield None, recording.points
     for joint, angles in recording.joints.items():
@@ -272,10 +273,10 @@ def _paths(recording: Recording) -> Iterator[tuple[str | None, Array]]:
 
 
 def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) flags of spikes; the hand is where most samples between jumps are.
+    """Flags (N,) of spikes. The longest part of the path between two jumps belongs to the hand.
 
-    From there the hand continues, in both directions, with the next stretch that begins without a jump and is longer
-    than the samples left out before it. If more samples are left out than a spike can have, they count as the hand.
+    In both directions from there, the hand continues with the next part that begins without a jump and has more samples
+    than were left out before it. If more samples would be left out than a spike may have, these belong to the hand.
     """
     parts = np.split(np.arange(len(time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))
@@ -284,7 +285,7 @@ def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.
     for way in (parts[longest:], [part[::-1] for part in parts[longest::-1]]):
         last, away = way[0], way[0][:0]
         for part in way[1:]:
-            four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # a velocity over one step would be the noise's
+            four = [last[-4:][0], last[-1], part[0], part[:4][-1]]  # velocities over several steps have less noise
             if len(part) > len(away) > 0 and (len(last) == 1 or not _jumps(time[four], points[four])[1]):
                 last, away = part, part[:0]
             else:
@@ -296,7 +297,7 @@ def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.
 
 
 def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
-    """(N - 1,) flags of steps that differ from the extrapolation by the step before, the step after, and their mean."""
+    """Flags (N - 1,) of jumps: steps that differ from extrapolations by the step before, the step after and both."""
     steps, hops = np.diff(time), np.diff(points, axis=0)
     velocity = np.pad(hops / steps[:, None], ((1, 1), (0, 0)), mode="reflect")
     before, after = velocity[:-2], velocity[2:]
@@ -307,7 +308,7 @@ def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
 
 
 def within_reach(recording: Recording) -> Recording:
-    """The recording; raises `ProblemFileError` for a coordinate that must be in another unit."""
+    """Return the recording; raise `ProblemFileError` if a coordinate is so large that its unit must be wrong."""
     far = np.argwhere(np.abs(recording.points) > FARTHEST)
     if len(far):
         row, axis = (int(i) for i in far[0])
@@ -330,19 +331,19 @@ def with_gaps(recording: Recording) -> Recording:
 
 
 SMALLEST, LARGEST = 5e-3, 2.5
-"""[m] Usual range of a movement's extent."""
+"""Usual range [m] of a movement's extent."""
 FASTEST, SLOWEST = 4.0, 1e-3
-"""[m/s] Usual limits: largest speed exceeded for a tenth of the time, and least peak speed."""
+"""Usual range [m/s] of the 90th percentile of a movement's speed."""
 
 MAX_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
-"""[rad] Largest joint angle; smallest range of the largest joint movement, below which degrees were probably
-radians."""
+"""Largest usual joint angle [rad]; smallest usual range [rad] of the joint that moves most. Outside, the unit of angles
+is probably wrong."""
 UNEVEN, EVEN = 1.1, 1e-2
-"""Unevenness of steps between samples: ratio of largest to smallest, and deviation over the mean."""
+"""Ratio of largest to smallest step above which times are uneven; relative deviation below which steps are even."""
 
 
 def size_note(recording: Recording) -> str:
-    """Samples, duration, extent and speed in one sentence."""
+    """Sentence with the number of samples, duration, extent, length and speed of a recording."""
     said = f"{len(recording.time)} samples over {recording.duration:.4g} s"
     if not recording.points.shape[1]:
         return said
@@ -356,7 +357,7 @@ def size_note(recording: Recording) -> str:
 
 
 def strange_sizes(recording: Recording) -> Iterator[str]:
-    """Notes on a movement whose size or speed suggests a wrong unit of lengths, angles or times."""
+    """Notes on a size or speed that suggests a wrong unit of length, angle or time."""
     yield from _strange_angles(recording.joints)
     if not recording.points.shape[1]:
         return
@@ -373,7 +374,7 @@ def strange_sizes(recording: Recording) -> Iterator[str]:
 
 
 def exchanged_times(recording: Recording) -> Iterator[str]:
-    """A note on a coordinate that is as even as times, for a complete recording."""
+    """Note on a coordinate that grows evenly while times do not, as if the two columns were exchanged."""
     steps = np.diff(recording.time)
     for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
         if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
@@ -394,6 +395,6 @@ def _strange_angles(joints: Mapping[str, Array]) -> Iterator[str]:
 
 
 def _speeds(recording: Recording) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """(N - 1,) [m/s]"""
+    """Speeds (N - 1,) [m/s] between the samples."""
     steps = np.linalg.norm(np.diff(recording.points, axis=0), axis=1)
     return np.asarray(steps / np.diff(recording.time))

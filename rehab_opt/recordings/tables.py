@@ -1,4 +1,4 @@
-"""Tables of samples (CSV) under a header with names and units, with any usual separator and decimal sign."""
+"""Read tables of samples (CSV) with a header of names and units, with any usual separator and decimal sign."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ __all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "nu
 Array = NDArray[np.float64]
 
 ALONE = Reading()
-"""Reading without user settings."""
+"""Settings of a user who gives none."""
 COMMENT = re.compile(r"\s*(#|sep=)")
-"""Start of a line above the header: a comment, or the separator for a spreadsheet."""
+"""Pattern of the beginning of a line above the header: a comment, or the separator for a spreadsheet."""
 NUMERIC = re.compile(r"[-+]?[.,]?\d")
-"""Start of a numeric cell."""
+"""Pattern of the beginning of a numeric cell."""
 
 TIMES = (("t", "time"), ("timestamp", "timestamps", "time stamp", "time_stamp", "elapsed"))
-"""Names of the time column; those of the second group count if there is none of the first."""
+"""Names of the column of times; names of the second group count only if there is none of the first group."""
 HAND = (*TIMES[0], *TIMES[1], "x", "y", "z", "fx", "fy", "fz")
-"""Names that are recognised in capitals, too."""
+"""Names of columns that may also be written in capitals."""
 MISSING = frozenset({
     "", "nan", "na", "n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "#n/a",
     "inf", "+inf", "-inf", "infinity", "-infinity", "1.#inf", "-1.#inf", "<na>", "nat", ".", "-", "--",
     "#num!", "#value!", "#div/0!", "#null!", "#ref!",
 })  # fmt: skip
-"""Cells, in lower case, that mean a missing value."""
+"""Cells, in lower case, that stand for a missing value."""
 ROWS = "(rows)"
-"""Name of an unnamed first column, which counts the rows."""
+"""Name for an unnamed first column, which has the numbers of the rows."""
 LONGEST = 200
 NAME = re.compile(r"[^\W\d][\w .\[\]()/°-]{0,60}")
 _WITH_UNIT = re.compile(r"([^\[\]()/]+)(?:\[([^\[\]()/]+)\]|\(([^\[\]()/]+)\)|/([^\[\]()/]+))")
 
 
 def canonical_name(cell: str) -> str:
-    """`name_unit` of a header's cell; the cell itself without a known unit."""
+    """Canonical name `name_unit` of a header's cell; the cell itself if it has no known unit."""
     cell = cell.strip().strip('"').strip()
     if len(cell) > LONGEST:
         return cell
@@ -76,27 +76,28 @@ def canonical_name(cell: str) -> str:
 
 
 def unit_of(column: str) -> str:
-    """The unit at the end of a canonical name; `COUNTS` if there is none."""
+    """Unit at the end of a canonical name; `COUNTS` for a name without a unit."""
     name, _, unit = column.rpartition("_")
     return unit if name and unit in UNITS else COUNTS
 
 
 SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": None}
-"""Separators of cells; None means any number of blanks."""
+"""Separators of cells by name; None stands for any number of blanks."""
 STRONGEST = 1e4
-"""[N] Largest force; a larger value means a wrong unit."""
+"""Largest force [N]; a larger value is probably in another unit."""
 
 
 def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
-    """Samples under a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`, optionally after `#`.
+    """Samples of a table with a header such as `t_s,x_m,y_m`, `t [s];x [mm];y [mm]` or `t/s,x/m,y/m`.
 
-    Time is one of `TIMES`, positions `x`, `y` and optionally `z`, every column in deg or rad a joint, `fx`, `fy` (and
-    `fz`) in N the force on the hand; others are ignored with a note. Units may stand in a line of their own below the
-    header. With numbered columns and a numeric first line, there is no header.
+    The column of times has a name of `TIMES`. Columns `x`, `y` and optionally `z` are positions, columns in deg or rad
+    are joint angles, and `fx_N`, `fy_N` and optionally `fz_N` are the force on the hand. Other columns are ignored with
+    a note. The header may begin with `#`; units may be in a separate line below the header. If the user numbers the
+    columns and the first line has numbers, the table has no header.
 
     Raises
     ------
-    ProblemFileError : a missing or duplicate column, a row of the wrong length, a cell that is no number.
+    ProblemFileError : a column is missing or repeated, a row has the wrong length, or a cell is not a number.
     """
     lines = text_lines(path, name)
     top = next((i for i, line in enumerate(lines) if not COMMENT.match(line)), len(lines))
@@ -158,13 +159,13 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
 
 
 def _units(cells: Sequence[str]) -> list[str]:
-    """The units in a line of units below a header, "" for a column without one; none if it is another line."""
+    """Units of a line of units below a header, "" for a column without a unit; empty for any other line."""
     units = [known_unit(cell.strip(' "[]()')) for cell in cells]
     return units if all(unit in UNITS or not unit for unit in units) else []
 
 
 def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
-    """Stretches of samples with one label; a repeated label gets a number."""
+    """Trials (name, first row, last row): consecutive samples with the same label; a repeated label gets a number."""
     ends = [i for i, (label, after) in enumerate(pairwise([*labels, None])) if label != after]
     firsts = [0, *(end + 1 for end in ends)]
     parts, seen = [], Counter[str]()
@@ -176,7 +177,7 @@ def _trials(labels: Sequence[str]) -> tuple[tuple[str, int, int], ...]:
 
 
 def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
-    """[m, rad, s] value of a column's unit."""
+    """Factor from a column's unit to SI units [m, rad, s]."""
     unit = unit_of(cell)
     if unit in KINDS[kind] or (unit == COUNTS and how.counted(kind) is not None):
         return how.factor(kind, "" if unit == COUNTS else unit, name=name, where=cell)
@@ -186,7 +187,7 @@ def _scale(kind: str, cell: str, how: Reading, name: str) -> float:
 
 
 def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
-    """The column of times; none if the user states a rate."""
+    """Name of the column of times, in a list; empty if the user states a sampling rate."""
     if how.rate_hz is not None:
         return []
     if how.time_column is not None:
@@ -197,7 +198,7 @@ def _times(header: Sequence[str], written: Sequence[str], how: Reading, name: st
 
 
 def _hand(header: Sequence[str], written: Sequence[str], how: Reading, name: str) -> list[str]:
-    """The columns of x, y and, if present, z; none if all that the table has are joint angles."""
+    """Names of the columns of x, y and, if present, z; empty for a table with joint angles but no positions."""
     if how.columns is not None:
         return each_once([_asked(each, header, written, "recording.columns", name) for each in how.columns], how, name)
     if any(unit_of(cell) in ANGLE for cell in header) and not {*"xyz"} & {
@@ -223,14 +224,19 @@ def numbers_below(
     point: str = ".",
     called: Mapping[str, str] = MappingProxyType({}),
 ) -> Array:
-    """(rows, columns) numbers of these columns; `first` is the line number of the first row, from 1.
+    """Numbers (rows, columns) in the `wanted` columns of a table.
 
-    `most` bounds the magnitude in some columns; `missing` are lower-case cells that mean NaN; `point` is the decimal
-    sign; `called` has names of columns for errors.
+    Parameters
+    ----------
+    rows : lines below the header. header : names of all columns.
+    wanted : names of the columns to read. most : largest magnitude in a column.
+    name : name of the file. first : line number of the first row, from 1.
+    separator : separator of the cells, None for blanks. missing : by column, cells in lower case that become NaN.
+    point : decimal sign. called : names of columns in error messages, if they differ.
 
     Raises
     ------
-    ProblemFileError : no rows, a row of the wrong length, a cell that is not a finite number.
+    ProblemFileError : there are no rows, a row has the wrong length, or a cell is not a finite number.
     """
     place_of = {column: place for place, column in enumerate(header)}
     places = [place_of[column] for column in wanted]
@@ -260,11 +266,11 @@ def numbers_below(
 
 
 def check_once(header: Sequence[str], name: str, *, line: int) -> None:
-    """Raise an error for duplicate or unnamed columns.
+    """Check that each column has a name of its own.
 
     Raises
     ------
-    ProblemFileError : there is one.
+    ProblemFileError : a name is repeated or empty.
     """
     seen: set[str] = set()
     for cell in header:
@@ -274,11 +280,11 @@ def check_once(header: Sequence[str], name: str, *, line: int) -> None:
 
 
 def marks(line: str, separator: str, decimal: str, *, name: str) -> tuple[str | None, str]:
-    """Separator and decimal sign of a table, from its first line.
+    """Separator and decimal sign of a table, checked against the table's first line.
 
     Raises
     ------
-    ProblemFileError : commas for both; a line with another separator, which is named.
+    ProblemFileError : both are commas, or the line has another separator, which the message names.
     """
     own = SEPARATORS[separator]
     if own is None:
@@ -300,7 +306,7 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
     accepted = [f"{name}_{unit}" for name in names for unit in units] + (list(names) if bare else [])
     found = [cell for cell in header if cell in accepted]
     if len(found) != 1:
-        # What is no header, as of a file that was named by mistake, is not quoted: it may be anything.
+        # The line is quoted only if it looks like a header: a file named by mistake may have private content.
         header_like = len(header) > 1 and all(NAME.fullmatch(cell) for cell in header)
         among = shown(", ".join(header), 60) if header_like else f"{len(header)}, which are no header"
         problem = f"columns {' and '.join(found)}" if found else f"no such column among {among}"
@@ -316,7 +322,7 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
 
 
 def _asked(column: str | int, header: Sequence[str], written: Sequence[str], key: str, name: str) -> str:
-    """Canonical name of a column that the user gave as written, in canonical form, or by number."""
+    """Canonical name of a column that the user names as in the file, by its canonical name, or by number."""
     named = column in header and not isinstance(column, int)
     place = header.index(str(column)) if named else place_of(column, written)
     if place is None:

@@ -1,4 +1,4 @@
-"""Settings for reading a recording: columns, and units that complete or replace the file's."""
+"""Settings for reading a recording, such as columns, and units that complete or replace those in the file."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ FORCE = MappingProxyType({"N": 1.0})
 UNITS: Mapping[str, float] = MappingProxyType({**TIME, **LENGTH, **ANGLE, **FORCE})
 KINDS = MappingProxyType({"length": LENGTH, "angle": ANGLE, "time": TIME})
 RATES = re.compile(r"veloc|speed|accel|deriv|kinematics_(u|dudt)|_(vel|acc|d{0,2}dot)$", re.IGNORECASE)
-"""Names of velocities and accelerations."""
+"""Pattern of names of velocities and accelerations."""
 COUNTS = "counts"
-"""Unit of a column of raw counts, whose header has none."""
+"""Unit of a column whose header has none: raw counts of a device."""
 SPELLINGS = {
     **{f"{short}sec{end}": f"{short}s" for short in ("", "m", "u", "n") for end in ("", "s")},
     **{f"{part}second{end}": f"{short}s" for part, short in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"))
@@ -48,11 +48,11 @@ USED_BY: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType({
     "time_column": ((".csv",), "a column of times of one's choice"),
     "trials": ((".csv", ".c3d"), "trials"),
 })  # fmt: skip
-"""Formats that use a key, by suffix, and what they have; every format uses the other keys."""
+"""For each key: suffixes of the formats that use it, and what these have; all other keys apply to every format."""
 
 
 def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
-    """Key, value and expectation of each given key that a file of this format cannot use; a repeated column, too."""
+    """Key, value and expectation of each given key that a file of this format cannot use, and of repeated columns."""
     for key, (suffixes, what) in USED_BY.items():
         if given.get(key) is not None and suffix not in suffixes:
             some = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}" if len(suffixes) > 1 else suffixes[0]
@@ -63,13 +63,13 @@ def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, An
 
 
 def known_unit(text: str) -> str:
-    """The symbol of a unit in any spelling; the text itself if it is unknown."""
+    """Symbol of a unit in any spelling; the text itself if the unit is unknown."""
     spelled = SPELLINGS.get(text.lower(), text)
     return spelled if spelled in UNITS or spelled.lower() not in UNITS else spelled.lower()
 
 
 def place_of(asked: str | int, names: Sequence[str], count: int | None = None) -> int | None:
-    """Index of a column or marker by its name or its number from 1; None if there is none. An `int` is a number."""
+    """Index of a column or marker by its name or its number from 1 (an `int` or digits); None if there is none."""
     found = [place for place, name in enumerate(names) if name == str(asked) and not isinstance(asked, int)]
     if found or not (str(asked).isascii() and str(asked).isdecimal() and len(str(asked)) < 6):
         return found[0] if len(found) == 1 else None
@@ -85,7 +85,10 @@ def each_once(found: Sequence[Any], how: Reading, name: str) -> list[Any]:
 
 @dataclass(frozen=True)
 class Reading:
-    """A user's settings for a file, see `read_recording`; `told` collects notes, `used` kinds of units in the file."""
+    """A user's settings for a file, with the meaning of a problem file's `recording` keys.
+
+    `told` collects notes, and `used` the kinds of units that the file has.
+    """
 
     columns: Sequence[str | int] | None = None
     marker: str | int | None = None
@@ -101,20 +104,20 @@ class Reading:
     used: set[str] = field(default_factory=set)
 
     def stated(self, kind: str) -> str | None:
-        """The unit that the user states for a kind: "length", "angle" or "time"."""
+        """Unit that the user states for a kind ("length", "angle" or "time"); None if the user states none."""
         return next((known_unit(unit) for unit in self.units or () if known_unit(unit) in KINDS[kind]), None)
 
     def counted(self, kind: str) -> float | None:
-        """[m, s] value of a number without unit: as stated, or a raw count; None if unknown."""
+        """Factor to SI units [m, s] of numbers without a unit, as the user states it; None if unknown."""
         unit, one = self.stated(kind), {"length": self.count_mm, "time": self.tick_ms}.get(kind)
         return KINDS[kind][unit] if unit is not None else None if one is None else 1e-3 * one
 
     def factor(self, kind: str, said: str | None, *, name: str, where: str) -> float:
-        """[m, rad, s] value of a file's unit; the user's setting replaces the file's, with a note.
+        """Factor to SI units [m, rad, s] of the unit `said` in a file; a unit that the user states replaces it.
 
         Raises
         ------
-        ProblemFileError : no known unit in either; `where` is its place in the file.
+        ProblemFileError : neither the file nor the user state a known unit; the message names the place `where`.
         """
         self.used.add(kind)
         known, stated = known_unit((said or "").strip()), self.stated(kind)
@@ -137,15 +140,15 @@ class Reading:
         raise ProblemFileError(name, where, brief(said), expected)
 
     def unused(self) -> list[str]:
-        """Stated units of quantities that the file does not have."""
+        """Units that the user states for quantities which the file does not have."""
         return [unit for kind in KINDS if kind not in self.used and (unit := self.stated(kind)) is not None]
 
     def check(self, name: str, suffix: str) -> None:
-        """Raise an error for invalid numbers and units, and for keys that a file with this suffix cannot use.
+        """Check numbers, units, and that a file with this suffix can use all given keys.
 
         Raises
         ------
-        ProblemFileError : an invalid setting; it names the key.
+        ProblemFileError : a setting is invalid; the message names its key.
         """
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         given = {each.name: given[each.name] for each in fields(self) if given[each.name] != each.default}

@@ -1,4 +1,4 @@
-"""Streams of the Lab Streaming Layer in XDF files, read by pyxdf (extra `xdf`)."""
+"""Read streams of the Lab Streaming Layer from XDF files with pyxdf (extra `xdf`)."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ SPOILT = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, OverflowError, MemoryError,
     ZeroDivisionError, AssertionError, NotImplementedError, struct.error, ParseError, np.linalg.LinAlgError,
 )  # fmt: skip
-"""Exceptions of pyxdf for an invalid or truncated file; none is documented."""
+"""Exceptions that pyxdf raises for an invalid or truncated file; pyxdf does not document them."""
 
 
 def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path (N, 2) or (N, 3) [m] from the channels `how.columns`: x, y (and z) of one stream.
+    """Path (N, 2) or (N, 3) [m] from the channels `how.columns`, which are x, y (and z) of one stream.
 
-    Channels are given by label or number, with the stream's name and a slash if several streams have them; channels
-    without labels have only numbers. Times are the stream's, on the recording's clock, without jitter if the stream has
-    a nominal rate. Other streams are ignored.
+    A channel is named by its label or number; if several streams have such a channel, the name of the stream and a
+    slash stand before it. Times are those of the stream on the recording's clock; pyxdf removes their jitter if the
+    stream has a nominal rate.
 
     Raises
     ------
-    ProblemFileError : no XDF; no, or several, streams with such channels; a unit that is no length; a sample that is
-        not a number or NaN; fewer samples than the stream's footer states.
+    ProblemFileError : the file is not an XDF file, not exactly one stream has the channels, a unit is not a length, a
+        sample is not a number, or samples are fewer than the stream's footer states.
     ConfigurationError : pyxdf is not installed.
     """
     try:
@@ -79,7 +79,7 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:
-    """All streams or, if one is unreadable, the others one by one; and the reason."""
+    """All streams or, if one is unreadable, all readable streams; and the reason."""
     try:
         return list(pyxdf.load_xdf(path)[0]), ""
     except SPOILT as problem:
@@ -98,7 +98,7 @@ def _tried(call: Callable[..., Any], *arguments: object, **named: object) -> lis
 
 
 def _text(of: Any, *keys: str) -> str:
-    """Text of a nested element, or ""; pyxdf returns every XML element as a list."""
+    """Text of a nested XML element, or "" if the element is missing; pyxdf returns XML elements as lists."""
     for key in keys:
         try:
             of = of[key]
@@ -116,7 +116,7 @@ def _channels(stream: Any) -> list[Any]:
 
 
 def _labels(stream: Any) -> list[str]:
-    """Labels of a stream's channels, or their numbers without labels."""
+    """Labels of a stream's channels; a channel without a label is named by its number."""
     labels = [_text(channel, "label") or str(number) for number, channel in enumerate(_channels(stream), start=1)]
     count = _text(stream, "info", "channel_count")
     return labels or [str(number) for number in range(1, 1 + min(int(count) if count.isdecimal() else 0, MAX_COLUMNS))]
