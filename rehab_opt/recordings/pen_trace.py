@@ -61,7 +61,7 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
     task = samples[down[0] : down[-1] + 1]
     ends, between = len(samples) - len(task), int(np.count_nonzero(task[:, 3] == 0))
     notes = [f"dropped: {ends} samples with the pen up at the ends"] if ends else []
-    notes += [f"kept: {between} samples with the pen up between strokes, since the hand moves"] if between else []
+    notes += [f"kept: {between} samples with the pen up between strokes, as parts of the movement"] if between else []
     if int(stated) != len(samples):
         notes.append(f"its first line states {int(stated)} samples, {len(samples)} are there")
     return Samples(tick * task[:, 2], length * task[:, :2], notes=tuple(notes))

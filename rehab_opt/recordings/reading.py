@@ -125,7 +125,7 @@ def _turned(recording: Recording, up: str) -> Recording:
     turn = np.array(UPWARDS[up]).T
     forces = recording.forces @ turn if recording.forces.shape[1] == 3 else recording.forces
     turned = replace(recording, points=recording.points @ turn, forces=forces, joints=dict(recording.joints))
-    return turned.noting(f"turned so that its {up} axis, which is up, becomes z")
+    return turned.noting(f"rotated so that its {up} axis, which points up, becomes z")
 
 
 def resampled(recording: Recording, rate: float) -> Recording:

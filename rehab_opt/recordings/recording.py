@@ -378,7 +378,7 @@ def exchanged_times(recording: Recording) -> Iterator[str]:
     steps = np.diff(recording.time)
     for axis, along in zip("xyz", np.diff(recording.points, axis=0).T, strict=False):
         if steps.max() > UNEVEN * steps.min() and along.mean() > 0 and np.ptp(along) < EVEN * along.mean():
-            yield f"{axis} grows by the same in each sample, and time does not: is one taken for the other?"
+            yield f"{axis} grows evenly from sample to sample, but time does not: were the two columns exchanged?"
 
 
 def _strange_angles(joints: Mapping[str, Array]) -> Iterator[str]:
