@@ -92,6 +92,8 @@ class Task(NamedTuple):
     centre: ca.SX
     """(n,) `base`, or a velocity close to w if no limit affects w; then w is nearly free of damping."""
     damping: ca.SX
+    seconds: ca.SX
+    """[s] S, derivative of the stop posture by u."""
     lower: ca.SX
     upper: ca.SX
     w: ca.SX
@@ -197,18 +199,19 @@ class PoseTracker(PoseInputs):
 
         velocity = variable("velocity", n, lower=task.lower, upper=task.upper)
         variables, analytic, subject_to, u = [velocity], task.w, [], velocity.symbol
-        cost = ca.sumsqr(task.J @ (u - task.base) - task.rate) + task.damping * ca.sumsqr(u - task.centre)
         towards, outside, rows = tick.once(self._towards(now, u)), now.outside, None
-        far = ca.SX(0)
+        far = price = ca.SX(0)
         if self.kept is not None:
             aim, far, rows = self._rows(tick, now, task, self.kept)
+            task = _held(tick, task, far, rows)
             leaving = variable("leaving", 1, lower=0, upper=1)
             variables.append(leaving)
-            cost += LEAVING * (1 - leaving.symbol) ** 2
+            price = LEAVING * (1 - leaving.symbol) ** 2
             analytic = ca.vertcat(task.w, 1)
             subject_to.append(within(leaving.symbol * rows.away - rows.slopes @ u, -ca.inf, rows.upper))
             free, far = towards, all_true(far, ca.fabs(towards - aim) <= TINY)
             towards = tick.once(tick.when(far, free, lambda: self._within(tick, now, task, rows, free)))
+        cost = ca.sumsqr(task.J @ (u - task.base) - task.rate) + task.damping * ca.sumsqr(u - task.centre) + price
         command = tick.once(self._allowed(tick, now, memory, towards, far))
         told = ca.DM(np.sqrt(self.task_weights))
         whole = twist + self._settling * error
@@ -311,7 +314,7 @@ class PoseTracker(PoseInputs):
         # The remaining error has precedence over the posture: damping towards the posture would increase it.
         centre = tick.once(base + ca.if_else(left > 0, 0, aside + first))
         w = tick.when(left > 0, lambda: base + damped_velocity(J, rate, damping=d, passes=1), free)
-        return Task(J, base, rate, centre, d, lower, upper, w)
+        return Task(J, base, rate, centre, d, S, lower, upper, w)
 
     def braking(self) -> ca.Function:
         """Function: q, memory, moving capsules if any -> memory after a tick of braking, and its report."""
@@ -508,3 +511,18 @@ class PoseTracker(PoseInputs):
 def _error(target: ca.SX, pose: ca.SX) -> ca.SX:
     """Error (6,) from a pose (4, 4) to the target: position and rotation vector in the base frame."""
     return ca.vertcat(target[:3, 3] - pose[:3, 3], rotation_vector(target[:3, :3] @ pose[:3, :3].T))
+
+
+def _held(tick: Stages, task: Task, far: ca.SX, rows: Rows) -> Task:
+    """The task, damped by the part of its error that the rows leave, as by the part that joint limits leave."""
+
+    def calmed() -> ca.SX:
+        u, need = task.w, rows.away - rows.upper
+        for i in range(need.numel()):
+            slope = rows.slopes[i, :].T
+            u += slope * ca.fmax(need[i] - ca.dot(slope, u), 0) / ca.fmax(ca.sumsqr(slope), TINY)
+        left = ca.norm_2(task.J @ (task.w - u))
+        return ca.vertcat(task.damping + CALMING * task.seconds * left, ca.if_else(left > 0, task.base, task.centre))
+
+    found = tick.once(tick.when(far, ca.vertcat(task.damping, task.centre), calmed))
+    return task._replace(damping=found[0], centre=found[1:])

@@ -11,8 +11,7 @@ it nearer (the multipliers of the judge's own gradients, by non-negative least s
 asked.
 
 Not judged at rest: four distances of one limit, or four points and the plane, that are met at once, of which the
-three least make rows; and a curved limit that `PoseTracker` rests at, where its joints were seen to shake by up to 0.26
-rad/s instead.
+three least make rows.
 """
 
 from __future__ import annotations
@@ -106,7 +105,7 @@ def is_judged(of: Arm, at: list[Array], commands: list[Command], asked: Array) -
         if not led or manipulability(q).min() < LEAST_W:
             return False
     below, active = _met(of, q)
-    return len(below) <= 3 and not any(each.sum() > 3 or (each[-1] and not of.mirror) for each in active)
+    return len(below) <= 3 and not any(each.sum() > 3 for each in active)
 
 
 def in_every_tick(verdict: Verdict, of: Arm, q: Array, value: Array, ok: NDArray[np.bool_]) -> None:
