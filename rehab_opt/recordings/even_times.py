@@ -10,8 +10,8 @@ __all__ = ["even_times"]
 Array = NDArray[np.float64]
 
 FINEST, COARSEST, EVENLY, BEATS = -6, -1, 1e-3, 10
-"""Exponents of the finest and coarsest power of ten [s] to which times may be rounded; smallest relevant rounding, as a
-fraction of a step; number of long steps from which these come from a coarse clock rather than from missing rows."""
+"""Finest and coarsest rounding of times, as exponents of ten [s]; smallest rounding that matters, as a fraction of a
+step; smallest number of long steps that count as those of a coarse clock instead of missing rows."""
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:

@@ -24,8 +24,8 @@ def read_svc(path: Path, *, name: str, how: Reading) -> Samples:
     """Path (N, 2) [m] of the pen from the first to the last sample with the pen down.
 
     Samples with the pen up at the beginning and end are dropped, because the task has not begun or is over. Samples
-    with the pen up in between stay. Lengths are in mm and times in s unless the user states other units; the user must
-    state the unit of raw counts, which are whole numbers.
+    with the pen up between two strokes are kept. Lengths are in mm and times in s unless the user states other units.
+    Whole numbers are raw counts, whose unit the user must state.
 
     Raises
     ------

@@ -234,8 +234,8 @@ def unseen(points: Array) -> NDArray[np.bool_]:
 def without_spikes(recording: Recording) -> Recording:
     """The recording without sensor spikes and without samples whose time stamps are too close; notes count both.
 
-    Such samples would make a controller that follows the path jump, and a spike would dominate the extent when the path
-    is scaled. A spike has few samples; a jump that stays gives a note. Joint angles count as arcs of radius `LEVER`.
+    Such samples would make the tracking controller jump, and a spike would change the scale of a path that is fitted
+    into a box. A spike has few samples; a jump that stays gives a note. Joint angles count as arcs of radius `LEVER`.
     """
     steps = np.diff(recording.time)
     bunched = np.append(steps < BUNCHED * np.median(steps), False)  # of two close stamps, the first one is late
@@ -336,8 +336,8 @@ FASTEST, SLOWEST = 4.0, 1e-3
 """Usual range [m/s] of the 90th percentile of a movement's speed."""
 
 MAX_TURN, SMALLEST_TURN = 4 * math.pi, math.radians(2.0)
-"""Largest usual joint angle [rad]; smallest usual range [rad] of the joint that moves most. Outside, the unit of angles
-is probably wrong."""
+"""Largest usual joint angle [rad]; smallest usual range [rad] of the joint that moves most. Beyond these values, the
+unit of angles is probably wrong."""
 UNEVEN, EVEN = 1.1, 1e-2
 """Ratio of largest to smallest step above which times are uneven; relative deviation below which steps are even."""
 
