@@ -11,6 +11,7 @@ from rehab_opt.symbolic import BufferedFunction
 from rehab_opt.workspace.edge_distance import distance_function, edge_columns, nearest_point_function
 from tests.workspace.mapped import crescent, ell, shape
 
+FRAME = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
 TURN = np.linspace(0.0, 2 * np.pi, 301)[:-1]
 OUTLINES = {
     "crescent": crescent(),
@@ -23,6 +24,13 @@ OUTLINES = {
         [(0.1, -0.1), (0.1, 0.1), (0.4, 0.1), (0.1, 0.1 + 1e-16), (0.1, 0.3), (0.0, 0.3), (0.0, -0.1)]
     ),
     "sliver": Polygon([(0.0, 0.0), (0.3, 0.0), (0.3, 0.3), (0.15, 1e-9), (0.0, 0.3)]),
+    "thorn": Polygon([(0, -0.2), (0.5, -0.2), (0.5, -1e-7), (1, 0), (0.5, 1e-7), (0.5, 0.2), (0, 0.2)]),
+    "hole around the outline's tip": Polygon(
+        [*FRAME, (-1, 0.05), (0, 0), (-1, -0.05)], [[(0, 0), (-0.5, 0.2), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.2)]]
+    ),
+    "two holes at a corner": Polygon(FRAME, [[(0, 0), (0.5, 0.4), (0.5, -0.4)], [(0, 0), (-0.5, -0.4), (-0.5, 0.4)]]),
+    "turned about": Polygon(FRAME[::-1], [[(0.5, 0.0), (0.7, 0.4), (0.3, 0.4)][::-1]]),
+    "edge without length": Polygon([(0, 0), (1e-155, 0), (1, -0.5), (1, 1)]),
     "waves": Polygon(np.column_stack([0.15 * np.cos(TURN), 0.1 * np.sin(TURN) + 0.01 * np.sin(9 * TURN)])),
 }
 
