@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 STARTS = 6
 """Number of known points with the nearest images that Newton's method tries as starts."""
 STEPS, HALVINGS = 30, 12
-ROWS = 32
+ROWS = 8
 """Number of points that are evaluated together."""
 BEYOND = 1e100
 """[m] Coordinates whose squares overflow."""
@@ -68,7 +68,12 @@ class PlaneMap(ABC):
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
         array = point_array(points)
-        return self._one.mine.of(array) if array.ndim == 1 else self.values(array)
+        if array.ndim == 2:
+            return self.values(array)
+        one = self._one.mine  # written and read here: in a tick, `of` takes as long as the spline
+        one.inputs[0][:] = array
+        one.evaluate()
+        return one.outputs[0].copy()
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Derivatives d image_i / d point_j: (2,) -> (2, 2), (M, 2) -> (M, 2, 2)."""
