@@ -48,7 +48,7 @@ USED_BY: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType({
     "time_column": ((".csv",), "a column of times of one's choice"),
     "trials": ((".csv", ".c3d"), "trials"),
 })  # fmt: skip
-"""For each key: suffixes of the file formats that use the key, and a word for its object; other keys fit all formats."""
+"""For each key: suffixes of the file formats that use the key, and its object in words; all formats use other keys."""
 
 
 def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
