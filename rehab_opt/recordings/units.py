@@ -48,7 +48,7 @@ USED_BY: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType({
     "time_column": ((".csv",), "a column of times of one's choice"),
     "trials": ((".csv", ".c3d"), "trials"),
 })  # fmt: skip
-"""For each key: suffixes of the file formats that use the key, and its object in words; all formats use other keys."""
+"""Suffixes of the formats that use a key, and the key's object in words; keys that are not here fit every format."""
 
 
 def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
