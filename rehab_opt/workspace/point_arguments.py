@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.real_array import checked_array
 
-__all__ = ["one_point", "point_array", "point_rows", "real_number", "single_point"]
+__all__ = ["one_point", "point_array", "real_number", "single_point"]
 
 Array = NDArray[np.float64]
 _FLOATS = np.dtype(np.float64)
@@ -18,7 +18,7 @@ _EXPECTED = "points (2,) or (N, 2), numbers in metres"
 
 
 def one_point(points: ArrayLike) -> tuple[float, float] | None:
-    """The coordinates of a point (2,); None for other input, which `point_rows` handles."""
+    """The coordinates of a point (2,); None for other input, which `point_array` handles."""
     if type(points) is np.ndarray:
         if points.dtype is _FLOATS and points.shape == (2,):  # the usual case, in a tick
             x, y = points.tolist()
@@ -49,19 +49,6 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
     if row.shape != (2,):
         raise ConfigurationError("point", f"an array of shape {row.shape}", "two numbers in metres")
     return float(row[0]), float(row[1])
-
-
-def point_rows(points: ArrayLike) -> Array:
-    """(N, 2) of several points.
-
-    Raises
-    ------
-    ConfigurationError : a wrong shape, or no numbers; the error names `points`.
-    """
-    rows = checked_array("points", points, _EXPECTED)
-    if rows.ndim != 2 or rows.shape[1] != 2:
-        raise ConfigurationError("points", f"an array of shape {rows.shape}", _EXPECTED)
-    return rows
 
 
 def point_array(points: ArrayLike, argument: str = "points") -> Array:

@@ -15,7 +15,7 @@ from rehab_opt.kinematics.plausible import ROOM
 from rehab_opt.kinematics.real_array import is_finite
 from rehab_opt.symbolic import PerThread
 from rehab_opt.workspace.placement import ShoulderPlacement
-from rehab_opt.workspace.point_arguments import one_point, point_rows, single_point
+from rehab_opt.workspace.point_arguments import one_point, point_array, single_point
 
 if TYPE_CHECKING:
     import shapely
@@ -143,7 +143,7 @@ class Workspace:
         if point is not None:
             slack = ON_BOUNDARY * (1.0 + abs(point[0]) + abs(point[1]))
             return slack < ON_BOUNDARY * BEYOND and bool(shapely.dwithin(polygon, shapely.points(point), slack))
-        rows = point_rows(points)
+        rows = point_array(points)
         slacks = ON_BOUNDARY + np.abs(ON_BOUNDARY * rows).sum(axis=1)
         inside: NDArray[np.bool_] = slacks < ON_BOUNDARY * BEYOND
         inside[inside] = shapely.dwithin(polygon, shapely.points(rows[inside]), slacks[inside])
@@ -160,7 +160,7 @@ class Workspace:
         point, (polygon, boundary) = one_point(points), self._prepared.mine
         if point is not None:
             return self.signed_distance_and_closest_point(point)[0]
-        rows = point_rows(points)
+        rows = point_array(points)
         distances: Array = np.where(np.isnan(rows).any(axis=1), np.nan, np.inf)
         near = (np.abs(rows) < BEYOND).all(axis=1) & (not self.empty)
         asked = shapely.points(rows[near])
