@@ -27,6 +27,8 @@ SHARE = 0.5
 DT = 0.01
 SHAKE, OFTEN = 0.05, 4
 """Of the largest acceleration; ticks of a run from which on it is a shaken one."""
+STANDS = 0.2
+"""[rad/s] Largest joint speed of an arm that can do no more."""
 RATE, SPARE = 0.1, 3.0
 """Of all runs, and besides, as many may be: in a few postures what is best turns with the bounds from tick to tick."""
 RUN = 3.0
@@ -58,7 +60,7 @@ def one_run(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
 def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     """An arm that is led to where it can no more: whether it swings there.
 
-    It does not shake where for the last second the bounds leave nothing of the command.
+    Where for the last second the bounds leave nothing of the command, its joints move no faster than `STANDS`.
     """
     dt, rows = float(rng.choice(TICKS)), SETS[rng.integers(len(SETS))]
     chair, made = on_standing_chair(dt)
@@ -69,9 +71,10 @@ def at_rest(verdict: Verdict, number: int, rng: np.random.Generator) -> None:
     found, u = judge_ticks(recorded, verdict)
     last = slice(-round(1.0 / dt), None)
     if np.all(found.status[last] == "blocked"):
-        turns = shaken_ticks(chair, u[last], dt)
-        verdict.during("an arm that can do no more", np.ones(len(turns), dtype=bool), dt)
-        verdict.within("ticks in which an arm that can do no more is shaken", [turns.sum()], OFTEN)
+        speeds = np.abs(u[last, 3:])
+        verdict.during("an arm that can do no more", np.ones(len(speeds), dtype=bool), dt)
+        verdict.during("an arm that can do no more, shaken", shaken_ticks(chair, u[last], dt), dt)
+        verdict.within("joint speed of an arm that can do no more [rad/s]", speeds, STANDS)
     swings = max(turned_back(speeds[np.abs(speeds) > SLOW]) for speeds in u[-round(LATE / dt) :, 3:].T) >= SWINGS
     verdict.during("a run on a chair that stands", [True], dt)
     verdict.during("a run on a chair that stands, in which the arm swings", [swings], dt)
