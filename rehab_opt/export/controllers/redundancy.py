@@ -30,7 +30,6 @@ from rehab_opt.export.recording import (
     thinned,
     with_faults,
 )  # fmt: skip
-from rehab_opt.kinematics import DriveName
 from rehab_opt.optim.fallback_chain import BACKUP, as_in_c
 from rehab_opt.session.ardis.problem import ArdisProblem
 from rehab_opt.session.ardis.robot import resolver_of
@@ -86,7 +85,9 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
     ProblemFileError : a solver without C code, or an invalid value in the file.
     """
     refuse_other_solvers(config, "run.solver")
-    return [_of_a_file(config, drive, progress=progress) for drive in config.problem.stick.drives]
+    return [
+        _of_a_file(config, ArdisScene(config, None, drive), progress=progress) for drive in config.problem.stick.drives
+    ]
 
 
 def exported_resolver(
@@ -126,9 +127,9 @@ def exported_resolver(
     )
 
 
-def _of_a_file(config: ProblemFile[ArdisProblem], drive: DriveName, *, progress: Progress) -> ExportedController:
+def _of_a_file(config: ProblemFile[ArdisProblem], scene: ArdisScene, *, progress: Progress) -> ExportedController:
     """Controller of one drive; the inputs of its run are recorded from another resolver in the problem's run."""
-    scene = ArdisScene(config, None, drive)
+    drive = scene.drive
     control, resolver = scene.control(), resolver_of(config, scene.robot, drive)
     listening = control.law = Listening(resolver_of(config, scene.robot, drive))
     scene.run(lambda _, *how_far: progress(f"{drive}, recorded", *how_far), control)
