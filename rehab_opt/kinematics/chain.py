@@ -129,10 +129,8 @@ class SerialChain(HasEvaluator):
             raise ConfigurationError("effort", self.effort, "positive numbers (infinite if unknown)")
         base, base_note = nearest_rigid("base", self.base)
         tool, tool_note = nearest_rigid("tool", self.tool)
-        capsules, most = (
-            checked_capsules(self.capsules, n + 2),
-            LONG_TOOL * max(_lengths(rows, np.zeros(n), np.zeros(n)), 1.0),
-        )
+        capsules, still = checked_capsules(self.capsules, n + 2), np.zeros(n)
+        most = LONG_TOOL * max(_lengths(rows, still, still), 1.0)
         sizes = {"tool": (tool[:3, 3], most), "base": (base[:3, 3], FAR_BASE * most)}
         sizes |= {f"rows, {names[i]}": (np.array([row.across, row.along]), LONG_ROW) for i, row in enumerate(rows)}
         sizes |= {

@@ -19,8 +19,7 @@ from rehab_opt.kinematics.denavit_hartenberg import SIX_TURNS, TWO_TURNS
 from rehab_opt.kinematics.room import MOVING
 
 __all__ = [
-    "ROOM", "check_speeds", "checked_length", "checked_posture", "farthest", "fastest",
-    "implausible",
+    "ROOM", "check_speeds", "checked_length", "checked_posture", "farthest", "fastest", "implausible",
 ]  # fmt: skip
 
 LINEAR = ("x", "y", "z")
