@@ -21,7 +21,7 @@ EIGHT = np.column_stack([np.sin(TURN), 0.5 * np.sin(2.0 * TURN)])
     ("path", "target", "scale"),
     [
         (CIRCLE, box(3.0, 1.0, 3.4, 2.0), 0.2),
-        (3.0 + CIRCLE, affinity.scale(Point(0.0, 0.0).buffer(1.0, quad_segs=200), 0.5, 0.3), 0.3),
+        (3.0 + CIRCLE, affinity.scale(Point(0.0, 0.0).buffer(1.0, quad_segs=60), 0.5, 0.3), 0.3),
         (SQUARE, affinity.rotate(box(0.0, 0.0, 0.3, 0.3), 33.0), 0.3),
         (np.array([[0.0, 0.0], [1.0, 0.0]]), box(0.0, 0.0, 0.3, 0.4), 0.5),
         (CIRCLE, ell(), 0.1 * (2.0 - math.sqrt(2.0))),
