@@ -2,7 +2,7 @@
 
 Invalid input gives one line on the error stream and exit code 2, and writes no file. Exit code 0 means that the
 command succeeded, not that a hand reached its goal: the notes and numbers of `run` report that. `check` exits with 0
-if `run` does.
+if `run` would.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def film(
     plant: Annotated[str | None, typer.Option(help="As for run.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing .gif.")] = False,
 ) -> None:
-    """Simulate a problem without user inputs and write a film of the picture on the page of `live`."""
+    """Simulate a problem without user inputs and write a film that looks like the page of `live`."""
     from rehab_opt.live.film import write_film  # noqa: PLC0415  (loads matplotlib)
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 
@@ -496,7 +496,7 @@ def score(
 
         with undisturbed():
             new = into.add(score_trials(scored, how))
-        print(printable(f"rehab-opt: {into.written(new)}"), file=sys.stderr)  # rows alone are on the output
+        print(printable(f"rehab-opt: {into.written(new)}"), file=sys.stderr)  # standard output has only the rows
     if range_of_motion:
         print("\n".join(range_of_motion_keys(scored)))
     elif out is None:
@@ -533,7 +533,8 @@ def many(
     """Run a problem for many participants; write a folder for each participant, and results.csv.
 
     Finished participants are skipped, so an interrupted run can be continued. With --study, results are also stored in
-    the study, in the session of --session or of the table's column. Exit code 1: some rows failed, see results.csv.
+    the study, in the session that --session or the table's column names. Exit code 1: some rows failed; see
+    results.csv.
     """
     from rehab_opt.session.many.participants import participants_of  # noqa: PLC0415
     from rehab_opt.session.many.results import counted, failed_table  # noqa: PLC0415
@@ -591,7 +592,7 @@ def export_controller(
 
 
 def _log_folder(log: Path | None) -> None:
-    """Make the folder of a log, if any; raise an error if the log exists, since it may be another session's."""
+    """Make the folder of a log, if any; raise an error if the log exists, since it may belong to another session."""
     if log is not None:
         if log.exists():
             raise ConfigurationError("--log", str(log), "a new file; this one exists")

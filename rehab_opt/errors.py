@@ -58,7 +58,7 @@ class DeviceLostError(RehabOptError):
 
 
 class SharingError(RehabOptError, TypeError):
-    """An object of one thread was used in another thread, copied or pickled; the message says what to do instead."""
+    """An object of one thread was used in another thread, or was copied or pickled; the message says what to do."""
 
 
 class ProblemFileError(RehabOptError, ValueError):

@@ -68,11 +68,11 @@ def printer() -> Console:
 
 
 OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
-"""Pattern of the objects that a note on a robot file names; largest number of similar notes printed one by one."""
+"""Pattern of a joint, link, body or line in a note; number of similar notes up to which all are printed."""
 
 
 def brief(notes: Iterable[str]) -> list[str]:
-    """Merge notes that differ only in numbers and names of joints or links: the first note and a count stay."""
+    """Replace notes that differ only in numbers and in names of joints or links by the first one and a count."""
     alike: dict[str, list[str]] = {}
     for note in notes:
         kind, count = OF_ROBOT.subn("", note)

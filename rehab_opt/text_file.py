@@ -172,7 +172,7 @@ _TEXT_OR_COMMENT = re.compile(
     r"#[^\n]*",
     re.DOTALL,
 )
-"""Strings and comments of TOML; unclosed strings match, too, so that the scan takes linear time."""
+"""Pattern of strings and comments in TOML; it also matches unclosed strings, so that the scan takes linear time."""
 _DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST_KEY},}}")
 
 
@@ -266,7 +266,7 @@ def times(count: int) -> str:
 
 
 def brief(value: object, most: int = 60) -> object:
-    """`value`, or a short text if the value as text has more than `most` characters or cannot be printed."""
+    """`value`; if its text is longer than `most` characters, the shortened text; if it has no text, a message."""
     try:
         written = str(value)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""The version, which the metadata of the wheel use, too."""
+"""Version of rehab_opt; the metadata of the wheel read it here."""
 
 __all__ = ["__version__"]
 

@@ -30,7 +30,7 @@ from rehab_opt.session.run import live_problem
 __all__ = ["Rings", "control_live", "live_or_logged", "live_rings"]
 
 SHOWN_HZ = 60.0
-"""Rate [Hz] at which the controller's process writes data to draw; the page reads them at 30 Hz."""
+"""Rate [Hz] at which the controller's process writes the values to plot; the page's process reads them at 30 Hz."""
 
 
 class Rings(NamedTuple):
@@ -41,14 +41,14 @@ class Rings(NamedTuple):
     state: SharedRing
     """Records of the loop's ticks."""
     shown: SharedRing
-    """Numbers by name that the page draws, and the mode of the stick."""
+    """Plotted values by name, and the mode of the stick."""
 
 
 @contextmanager
 def live_or_logged(
     file: str, options: dict[str, str | None], *, again: bool
 ) -> Iterator[tuple[LiveProblem, Logged | None]]:
-    """Context with a live problem and None; with `again`, `file` is a log, and its problem and the log are returned."""
+    """Yields a live problem and None; with `again`, `file` is a log, and the log's problem and the log are yielded."""
     if not again:
         yield live_problem(load_problem(file), **options), None
         return
@@ -63,7 +63,7 @@ def live_or_logged(
 
 @contextmanager
 def live_rings(problem: LiveProblem, *, depth: int) -> Iterator[Rings]:
-    """Context with the rings of a problem; `depth` is the largest lag in ticks of a reader of `state`."""
+    """Context with the rings of a problem; a reader of `state` may lag by up to `depth` ticks."""
     n, force = problem.encoders, problem.force
     given = operator_layout(n, axes=2, targets=problem.hands, force=force)
     state = state_layout(n, given, force=force)

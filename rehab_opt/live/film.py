@@ -1,4 +1,4 @@
-"""Film of a problem as a GIF, with the picture of the page of `rehab-opt live`."""
+"""Film of a problem as a GIF that looks like the page of `rehab-opt live`."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _picture(words: str, scene: dict[str, Any], frame: dict[str, Any], trail: li
 
 
 def _projection(centre: Array, lift: float, turn: float, *, flat: bool) -> Callable[[Array], Array]:
-    """Function that projects points (N, 3) in parallel to the coordinates right, up, towards the eye (N, 3) [m]."""
+    """Parallel projection: function from points (N, 3) [m] to coordinates (N, 3) [m]: right, up, towards the camera."""
     turn = -math.pi / 2 if flat else turn
     c, s, ct, st = math.cos(lift), math.sin(lift), math.cos(turn), math.sin(turn)
     axes = np.array([[-st, ct, 0.0], [-s * ct, -s * st, c], [c * ct, c * st, s]])

@@ -124,7 +124,7 @@ class Seats:
         self._spare, self._heard = float(SPARE), -math.inf
 
     def join(self, *, participant: bool) -> int:
-        """Add a tab and return its number; the first tab that is not the participant's commands."""
+        """Add a tab and return its number; the first tab that is not a participant's takes command."""
         tab, self._next = self._next, self._next + 1
         self._tabs[tab] = participant
         if self.commander is None and not participant:
@@ -178,13 +178,13 @@ class Seats:
 
     @property
     def current(self) -> LiveInputs:
-        """Inputs of the commanding tab; a participant's tab sets the target, with two hands that of its own hand."""
+        """Inputs of the commanding tab; a participant's tab sets the target, of two targets the participant's own."""
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs
 
     def state(self, tab: int) -> dict[str, Any]:
-        """Message to a tab: whether the tab commands, and the numbers of tabs and of participants' tabs."""
+        """Message to a tab: whether the tab commands, how many tabs are open, and how many are participants'."""
         participants = sum(self._tabs.values())
         return {"commands": tab == self.commander, "tabs": len(self._tabs), "participants": participants}
 

@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 STEPS = (0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0)
 """Sequence of commanded speeds, as fractions of the largest speed."""
 HELD, RAMP = 0.45, 0.1
-"""Duration [s] of each speed of the sequence, and of the ramp at its beginning."""
+"""Duration [s] of each step of the sequence, and of the ramp with which the step begins."""
 SETTLED = 0.2
-"""Duration [s] of the evaluated part at the end of each speed."""
+"""Duration [s] at the end of each step over which the lag is averaged."""
 
 
 def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: int | None = None) -> float:
@@ -33,7 +33,7 @@ def measured_delay(plant: Plant, *, joint: int = 0, speed: float = 0.2, fifo: in
     Parameters
     ----------
     plant : robot at rest that takes joint velocities as commands.
-    joint : number, from 0, of the joint that moves, by 0.8 s times `speed`.
+    joint : number, from 0, of the joint to move; it moves by 0.8 s times `speed`.
     speed : largest speed [rad/s, m/s]; below 0.05, encoder noise disturbs the result. fifo : as for `Loop`.
 
     Raises

@@ -16,8 +16,8 @@ T = TypeVar("T")
 
 JOINTS = 7
 ACCELERATION, JERK = 9.99, 2400.0
-"""Limits given to franky [rad/s^2, rad/s^3]. A Research 3 stops above 10 and 5000. The margin in jerk is needed: franky
-exceeds its jerk limit by a factor of 1.41 when it replans during a ramp, and by more if a cycle is lost."""
+"""Limits given to franky [rad/s^2, rad/s^3]. A Research 3 stops above 10 and 5000. The jerk needs a margin:
+franky exceeds its jerk limit by a factor of 1.41 when it replans during a ramp, and by more if a cycle is lost."""
 UNFILTERED = 1000.0
 """Cut-off [Hz] that turns libfranka's filter off; the filter would add 1.6 ms of lag."""
 WATCHDOG = 0.1

@@ -23,7 +23,7 @@ from rehab_opt.text_file import regular_file
 __all__ = ["Logged", "operator_of", "read_log"]
 
 KIND, MOST = re.compile(r"<f8|<u8|\|?S\d{1,4}"), 1000
-"""Allowed types of a record's field; largest size of each of its dimensions."""
+"""Allowed data types of a field of a record; largest size of the field in each dimension."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
 
 
 def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """Layout of the operator's fields in a record's layout, as of `operator_layout`; empty without an operator."""
+    """The operator's fields of a record's layout, in the form of `operator_layout`; empty without an operator."""
     prefix = "operator_"
     fields = dict(layout.fields or {})
     return np.dtype([(name.removeprefix(prefix), kind[0]) for name, kind in fields.items() if name.startswith(prefix)])

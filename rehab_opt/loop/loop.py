@@ -38,7 +38,7 @@ STOPPING = 3.0
 """Longest duration [s] of braking when the loop ends; then the loop stops the robot in any state."""
 AT_REST = (Status.HOLDING, Status.RELEASED)
 ASKED = {False: 1, True: 2}
-"""Value of the field `asked_before`, by the `enable` input of the first of two calls in a tick."""
+"""Value of the field `asked_before` if the controller is called twice in a tick, by `enable` of the first call."""
 COLLECTED = 64
 """Number of ticks between two garbage collections of young objects, which take about 20 us."""
 
@@ -105,7 +105,7 @@ class Loop:
         self._state = None if state is None else StateRecord(state, layout)
 
     def run(self, *, seconds: float = math.inf, until: Callable[[], bool | str] = lambda: False) -> LoopReport:
-        """Run until `seconds` have passed, `until()` is true or a text, or Ctrl-C or SIGTERM; then brake to rest.
+        """Run until `seconds` have passed, `until()` returns True or a text, or Ctrl-C or SIGTERM arrives; then brake.
 
         A lost device also ends the loop. If `until` returns a text, the text is the reason in the report.
 

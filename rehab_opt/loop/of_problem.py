@@ -61,7 +61,7 @@ PATIENCE = 2.0
 
 
 def decide_of(control: LiveControl, *, then: Callable[[Tick, Command], None] = lambda *_: None) -> Decide:
-    """Controller of a problem, for a loop; without an operator, the controller follows the problem's own reference.
+    """Controller of a problem as a function of a tick; without an operator it follows the problem's own reference.
 
     `then` is called with each tick and its command.
     """
@@ -161,7 +161,7 @@ def _operated_by(gamepad: Path, problem: LiveProblem) -> Iterator[SharedRing]:
 
 
 def delay_of(config: ProblemFile[Any], *, joint: int, fifo: int | None = None, **options: str | None) -> float:
-    """Delay [s] of a problem's robot, as of `measured_delay`.
+    """Delay [s] of a problem's robot, measured by `measured_delay`.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def logged_problem(logged: Logged, folder: Path) -> LiveProblem:
 def control_again(
     problem: LiveProblem, *, then: Callable[[Tick, Command], None] = lambda *_: None
 ) -> tuple[LiveControl, Decide, Callable[[np.void], None]]:
-    """Control of a problem on a log's robot, the control as a function of a tick, and a function that sets a record."""
+    """Three results: a problem's control on a logged robot, its controller, and a function that loads a record."""
     robot = _LoggedRobot(problem.dt)
     control = problem.control(robot)
     return control, decide_of(control, then=then), robot.show

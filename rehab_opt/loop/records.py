@@ -47,8 +47,9 @@ def operator_layout(joints: int, *, axes: int = 4, targets: int = 1, force: int 
     ------
     heartbeat : `time.monotonic` [s] when the dead man's switch was last reported as held; NaN if it is released.
     stick (axes,) : deflections, -1 to 1. buttons : one bit per button.
-    target (targets, 4, 4) : poses in the base frame [m], the tool's first. twist (targets, 6) : twists of the targets
-    [m/s, rad/s]. For hands in a plane, the last column of a pose has the position.
+    target (targets, 4, 4) : poses in the base frame [m]; the first is the tool's.
+    twist (targets, 6) : twists of the targets [m/s, rad/s]. For hands in a plane, the last column of a
+    pose has the position.
     push (force,) : force [N] on the hand of a simulated robot.
     frozen (joints,) : 1 for a frozen encoder. noise : encoder noise [rad, m]. delay : delay of measurements [s]. These
     three fields are faults of a simulated robot.

@@ -32,7 +32,7 @@ class Times:
         self._bins[min(place, len(self._bins) - 1)] += 1
 
     def percentile(self, percent: float) -> float:
-        """Time [s] that at most 100 - `percent` % of the times exceed; 0 without times."""
+        """Percentile [s] of the times, such as the median for `percent` = 50; 0 if there are no times."""
         needed, seen = percent / 100 * self.count, 0
         for place, count in enumerate(self._bins):
             seen += count

@@ -25,7 +25,7 @@ WATCHDOG = 0.1
 """Default time [s] without a joint state after which the robot counts as lost."""
 HUNDRED_PERCENT = b"\0\1\0\0" + struct.pack("<d", 100.0)
 UNHEARD, WAITING = 2.0, 1000
-"""Longest wait [s] for the first states of all joints; largest number of queued messages."""
+"""Longest wait [s] for the first states of all joints, and largest number of queued messages."""
 
 
 def connect_ros2(
@@ -43,8 +43,8 @@ def connect_ros2(
 
     The driver receives `sensor_msgs/JointState` and sends `std_msgs/Float64MultiArray` messages through zenoh's bridge
     for ROS 2 (zenoh-bridge-ros2dds). The robot's controller needs a time-out of its own: without commands,
-    ros2_control's forward controllers hold the last velocity. A message may have only some of the joints, and may have
-    other joints; a state is complete once each joint has a new value. The measured force is always zero.
+    ros2_control's forward controllers hold the last velocity. A message may lack some of the joints, and may have
+    additional ones; a state is complete once each joint has a new value. The measured force is always zero.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ __all__ = ["UrDriver", "connect_ur", "driver"]
 
 JOINTS = 6
 ACCELERATION = 40.0
-"""Acceleration [rad/s^2] of speedj, set to its largest value; a lower value would add lag to limited commands."""
+"""Acceleration [rad/s^2] of speedj: its largest value, since the controllers limit accelerations themselves."""
 BRAKE = 10.0
 """Deceleration [rad/s^2] of a stop."""
 TOLD = 0.05

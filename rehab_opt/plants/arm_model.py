@@ -20,7 +20,7 @@ __all__ = ["ArmModel", "own_arm_model", "point_mass_model", "ur5_model"]
 Array = NDArray[np.float64]
 
 FASTEST = 10.0
-"""Speed limit [m/s] in the chain of a point mass, which requires a number; the plant does not enforce this limit."""
+"""Speed limit [m/s] of a point mass; its chain requires a number, but the plant does not enforce this limit."""
 
 
 @dataclass(frozen=True, eq=False)

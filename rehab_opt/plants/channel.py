@@ -18,7 +18,7 @@ __all__ = ["Channel", "Commands", "Sensors"]
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
-"""Rounding error of times [s]; a command that is due within this time has arrived."""
+"""Tolerance [s] for rounding errors: a command that is due within this time counts as arrived."""
 SLOWEST = 10.0
 """Largest accepted delay [s]; a larger value is probably in another unit."""
 

@@ -112,9 +112,10 @@ class PositionServo:
 
 
 class HandForce:
-    """A force F at the hand through the transposed Jacobian, with the first-order lag T F' = F_c - F.
+    """Applies a force F at the hand through the transposed Jacobian.
 
-    F_c is the commanded force, T is `lag`. The joint torques are limited.
+    F follows the commanded force F_c with the first-order lag T F' = F_c - F, where T is `lag`. The joint
+    torques are limited.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A simulated planar robot with a proportional-integral loop of the force on the hand."""
+"""A simulated planar robot with proportional-integral control of the force on the hand."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class RobotModel:
             raise ConfigurationError("gain", self.gain, expected)
 
     def growth(self, hand_mass: float, *, stiffness: float, damping: float, dt: float) -> float:
-        """Spectral radius per tick of the loop of one axis, without motor limit and dry friction.
+        """Spectral radius of an axis's force loop over one tick, without motor limit and dry friction.
 
         The hand of `hand_mass` [kg] is on a spring of `stiffness` [N/m] and a damper of `damping` [N s/m].
         """

@@ -34,7 +34,9 @@ class Intention:
 
 
 def minimum_jerk(fraction: ArrayLike) -> Array:
-    """Fraction 10 u^3 - 15 u^4 + 6 u^5 of the distance of a minimum-jerk motion at the fraction u of its duration.
+    """Fraction of its distance that a minimum-jerk motion has covered after the fraction u of its duration.
+
+    The result is 10 u^3 - 15 u^4 + 6 u^5.
 
     Source: Flash and Hogan 1985.
     """
@@ -104,9 +106,9 @@ the intended position moves at the same speed but waits when it is too far ahead
 LONGER = 2
 """Largest duration of a trial with "path", as a multiple of the intention's duration."""
 SIGHT = 0.01
-"""Length [m] of the path ahead of the hand's last progress in which the point nearest to the hand is searched."""
+"""The path point nearest to the hand is searched up to this length [m] of path ahead of the hand's last progress."""
 STEP = 5e-4
-"""Spacing [m] of the path points among which the point nearest to the hand is searched."""
+"""Spacing [m] of the path points in this search."""
 
 
 class Pace:
@@ -115,7 +117,7 @@ class Pace:
     Parameters
     ----------
     intention : the intended motion. aims : "clock" or "path", as explained at `AIMS`.
-    ahead : with "path", largest distance [m] on the path of the intended position ahead of the hand.
+    ahead : with "path", largest distance [m] by which the intended position leads the hand along the path.
     """
 
     def __init__(self, intention: Intention, aims: Aims, *, ahead: float) -> None:
@@ -141,7 +143,7 @@ class Pace:
         return self._tick >= self._last
 
     def meant(self, x: float, y: float) -> tuple[int, bool]:
-        """Current tick of the intention for a hand at x, y [m], and whether the intended position moves on."""
+        """For a hand at x, y [m]: the current tick of the intention, and whether the intended position moves on."""
         if not self._waits:
             self._tick += 1
             return min(self._tick - 1, self._last), True

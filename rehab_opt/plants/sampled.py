@@ -58,7 +58,7 @@ class SampledPlant(ABC):
         """The current true state."""
 
     def reset(self, position: ArrayLike, velocity: ArrayLike | None = None) -> Measurement:
-        """Reset to `position` (n,) [rad, m] with `velocity` (n,), by default zero, and the time to zero.
+        """Reset the time to zero and the robot to `position` (n,) [rad, m] with `velocity` (n,), by default zero.
 
         The random generator is not reset.
         """

@@ -1,4 +1,4 @@
-"""A simulated person who moves a hand, and a plant of this person at a planar robot."""
+"""A simulated person who moves a hand, and a plant in which this person holds the handle of a planar robot."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Person:
     tremor, tremor_hz : tremor force: root mean square of its length [N], and its centre frequency [Hz].
     spasm_rate, spasm_force, spasm_time : involuntary bursts of force in random directions: rate [1/s], mean peak [N],
         mean duration [s].
-    aims, ahead : "clock" or "path", as explained at `AIMS`; for "path", largest distance ahead on the path [m].
+    aims, ahead : "clock" or "path", as explained at `AIMS`; for "path", largest lead [m] of the intended position.
     """
 
     hand_mass: float = 1.2
@@ -98,7 +98,7 @@ class SimulatedPerson:
     def force(  # noqa: PLR0917  (a hot call: state, then intention)
         self, x: float, y: float, vx: float, vy: float, to_x: float, to_y: float, to_vx: float, to_vy: float
     ) -> tuple[float, float]:
-        """Force (x, y) [N] on the handle, from the hand's and the intended position [m] and velocity [m/s].
+        """Force (x, y) [N] on the handle, given position [m] and velocity [m/s] of the hand, and the intended ones.
 
         The method sets `beyond`, the signed distance [m] of the hand to the comfortable workspace, negative inside.
         """

@@ -15,7 +15,7 @@ __all__ = ["TouchedPlant"]
 Array = NDArray[np.float64]
 
 LONGEST = 10.0
-"""Duration [s] of stored measurements, and so the largest delay."""
+"""Measurements are stored for this time [s], which is therefore the largest delay."""
 
 
 class TouchedPlant:

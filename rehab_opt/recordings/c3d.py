@@ -50,7 +50,9 @@ class _Header(NamedTuple):
 
 
 def read_c3d(path: Path, *, name: str, how: Reading) -> Samples:
-    """Path (N, 3) [m] of one marker in the laboratory's frame, NaN where the marker is missing; trials from events.
+    """Read the path (N, 3) [m] of one marker in the laboratory's frame, and the trials between events.
+
+    The path is NaN where the marker is missing.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def _numbered(parameters: Mapping[str, object], key: str) -> list[str]:
 def _trials(  # noqa: PLR0917  (events, and the frames that they are among)
     parameters: Mapping[str, object], asked: str, rate: float, first: int, count: int, name: str
 ) -> tuple[tuple[str, int, int], ...]:
-    """Trials (name, first row, last row) between events: from each event `asked` to the next one of this name.
+    """Trials (name, first row, last row) between events: each from one event named `asked` to the next one.
 
     For `asked` = "begin,end", a trial lasts from each event "begin" to the next event "end". Events have times
     [minutes, s] since frame 1; `first` is the number of the first stored frame.

@@ -10,12 +10,12 @@ __all__ = ["even_times"]
 Array = NDArray[np.float64]
 
 FINEST, COARSEST, EVENLY, BEATS = -6, -1, 1e-3, 10
-"""Finest and coarsest rounding of times, as exponents of ten [s]; smallest rounding that matters, as a fraction of a
-step; smallest number of long steps that count as those of a coarse clock instead of missing rows."""
+"""Finest and coarsest rounding of times, as exponents of ten [s]; smallest rounding error that matters, as a fraction
+of a step; number of long steps from which a coarse clock, not missing rows, explains them."""
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Even times (N,) [s] if the given times are rounded even times, otherwise the given times; and a note.
+    """Two results: even times (N,) [s] if the given times are rounded even ones, else the given times; and notes.
 
     At 240 Hz, times with three decimals have steps of 4 and 5 ms, which would cause false accelerations. Times count as
     rounded if all of them agree with even times to their number of decimals, or to the step of a coarser clock.
@@ -60,7 +60,7 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
 
 
 def _clock(t: Array, about: float, unit: float) -> float:
-    """Step [s] of a clock that explains the times `t`, written to `unit`, as whole numbers of steps; 0 for none."""
+    """Step [s], near `about`, whose whole multiples agree with the times `t` to within `unit`; 0 if there is none."""
     steps = np.diff(t)
     ends, near = np.cumsum(steps), steps[(steps > 0.5 * about) & (steps < 1.5 * about)]
     counts = np.cumsum(np.rint(steps / (near.mean() if near.size else about)))

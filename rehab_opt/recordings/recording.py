@@ -122,8 +122,8 @@ SPIKE = 12, 0.1
 LONG_STEP = 0.1, 5.0
 """Shortest gap in [s] and in median steps, whichever is longer."""
 FEWEST_SEEN, ZEROED, NEAR = 10, 1.5, 10
-"""Rules for codes of a lost marker: smallest number of other samples to compare with; smallest distance from the
-neighbouring samples, as a multiple of the longest step nearby; number of steps nearby."""
+"""Three numbers that detect codes of a lost marker: smallest number of other samples; smallest distance from the
+neighbouring samples, as a multiple of the longest nearby step; number of steps that count as nearby."""
 ENDLESS = 1e12
 """Position [m] that is too large for any unit of length."""
 LEVER = 0.3
@@ -133,9 +133,9 @@ LEVER = 0.3
 def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -> Recording:
     """Convert samples of any format to a recording with increasing times and no missing positions.
 
-    Samples without the hand are left out with a note; so are samples at the time of the sample before, and, in a
-    recording of joints alone, samples without an angle. Rounded times become even. If times start again in each trial,
-    each trial is moved behind the trial before.
+    Samples without the hand are left out, with a note. So are samples that repeat the time of the sample before and, in
+    a recording of joints alone, samples that lack an angle. Rounded times become even. If times start again in each
+    trial, the times of each trial are shifted behind those of the trial before.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def recording_of(file: str, samples: Samples, *, rate_hz: float | None = None) -
 
 
 def _in_a_row(samples: Samples) -> tuple[Array, list[str]]:
-    """Times in which the trials follow one another, even if the clock starts again in each trial; and all notes."""
+    """Two results: times that continue from trial to trial, even if the file's clock starts again; and all notes."""
     time, again = samples.time.copy(), 0
     for row in sorted({row for _, first, last in samples.trials for row in (first, last + 1)} - {0, len(time)}):
         if time[row] < time[row - 1]:
@@ -204,7 +204,7 @@ def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
 
 
 def unseen(points: Array) -> NDArray[np.bool_]:
-    """Flags (N,) of the samples of points (N, d) without the hand.
+    """Flags (N,) of the samples in which the hand is missing, for `points` (N, d).
 
     In such a sample, a coordinate is missing or beyond `ENDLESS`, or the coordinates are a code of a lost marker: all
     are zero or equal (-9999), or one is a repeated number beyond `FARTHEST` (9999999). Codes count only if they are far
@@ -235,7 +235,8 @@ def without_spikes(recording: Recording) -> Recording:
     """The recording without sensor spikes and without samples whose time stamps are too close; notes count both.
 
     Such samples would make the tracking controller jump, and a spike would change the scale of a path that is fitted
-    into a box. A spike has few samples; a jump that stays gives a note. Joint angles count as arcs of radius `LEVER`.
+    into a box. A spike has few samples; any other jump is kept, with a note. Joint angles are converted to arcs of
+    radius `LEVER`.
     """
     steps = np.diff(recording.time)
     bunched = np.append(steps < BUNCHED * np.median(steps), False)  # of two close stamps, the first one is late
@@ -265,7 +266,7 @@ def without_spikes(recording: Recording) -> Recording:
 
 
 def _paths(recording: Recording) -> Iterator[tuple[str | None, Array]]:
-    """Path (N, d) [m] of the hand with the name None, and the arc (N, 1) [m] of each joint with the joint's name."""
+    """Yield None and the hand's path (N, d) [m], then the name of each joint and its angles as arcs (N, 1) [m]."""
     if recording.points.shape[1]:
         yield None, recording.points
     for joint, angles in recording.joints.items():
@@ -273,10 +274,10 @@ def _paths(recording: Recording) -> Iterator[tuple[str | None, Array]]:
 
 
 def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Flags (N,) of spikes. The longest part of the path between two jumps belongs to the hand.
+    """Flags (N,) of spikes. Jumps divide the path into parts, of which the longest is a motion of the hand.
 
-    In both directions from there, the hand continues with the next part that begins without a jump and has more samples
-    than were left out before it. If more samples would be left out than a spike may have, these belong to the hand.
+    In both directions from the longest part, parts are spikes until one continues the hand's motion without a jump and
+    has more samples than the spikes before it. Spikes that are too long count as a motion of the hand.
     """
     parts = np.split(np.arange(len(time)), np.flatnonzero(jumps) + 1)
     longest = int(np.argmax([len(part) for part in parts]))
@@ -297,7 +298,7 @@ def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.
 
 
 def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
-    """Flags (N - 1,) of jumps: steps that differ from extrapolations by the step before, the step after and both."""
+    """Flags (N - 1,) of jumps: steps far from what the velocity before, the velocity after and their mean predict."""
     steps, hops = np.diff(time), np.diff(points, axis=0)
     velocity = np.pad(hops / steps[:, None], ((1, 1), (0, 0)), mode="reflect")
     before, after = velocity[:-2], velocity[2:]

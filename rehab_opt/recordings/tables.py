@@ -35,7 +35,7 @@ __all__ = ["MISSING", "SEPARATORS", "canonical_name", "check_once", "marks", "nu
 Array = NDArray[np.float64]
 
 ALONE = Reading()
-"""Settings of a user who gives none."""
+"""Default settings."""
 COMMENT = re.compile(r"\s*(#|sep=)")
 """Pattern of the beginning of a line above the header: a comment, or the separator for a spreadsheet."""
 NUMERIC = re.compile(r"[-+]?[.,]?\d")
@@ -231,7 +231,7 @@ def numbers_below(
     rows : lines below the header. header : names of all columns.
     wanted : names of the columns to read. most : largest magnitude in a column.
     name : name of the file. first : line number of the first row, from 1.
-    separator : separator of the cells, None for blanks. missing : by column, cells in lower case that become NaN.
+    separator : separator of the cells, None for blanks. missing : for each column, cells in lower case that become NaN.
     point : decimal sign. called : names of columns in error messages, if they differ.
 
     Raises

@@ -48,11 +48,11 @@ USED_BY: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType({
     "time_column": ((".csv",), "a column of times of one's choice"),
     "trials": ((".csv", ".c3d"), "trials"),
 })  # fmt: skip
-"""Suffixes of the formats that use a key, and the key's object in words; keys that are not here fit every format."""
+"""For each key: suffixes of the formats that use it, and its meaning in words; other keys fit every format."""
 
 
 def unused_keys(suffix: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any, str]]:
-    """Key, value and expectation of each given key that a file of this format cannot use, and of repeated columns."""
+    """Yield key, value and expectation of each given key that this format cannot use, or that `rate_hz` replaces."""
     for key, (suffixes, what) in USED_BY.items():
         if given.get(key) is not None and suffix not in suffixes:
             some = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}" if len(suffixes) > 1 else suffixes[0]
@@ -87,7 +87,7 @@ def each_once(found: Sequence[Any], how: Reading, name: str) -> list[Any]:
 class Reading:
     """A user's settings for a file, with the meaning of a problem file's `recording` keys.
 
-    `told` collects notes, and `used` the kinds of units that the file has.
+    `told` collects notes, and `used` collects the kinds of units that occur in the file.
     """
 
     columns: Sequence[str | int] | None = None
@@ -108,12 +108,12 @@ class Reading:
         return next((known_unit(unit) for unit in self.units or () if known_unit(unit) in KINDS[kind]), None)
 
     def counted(self, kind: str) -> float | None:
-        """Factor to SI units [m, s] of numbers without a unit, as the user states it; None if unknown."""
+        """Factor from raw numbers without a unit to SI units [m, s], as the user states; None if not stated."""
         unit, one = self.stated(kind), {"length": self.count_mm, "time": self.tick_ms}.get(kind)
         return KINDS[kind][unit] if unit is not None else None if one is None else 1e-3 * one
 
     def factor(self, kind: str, said: str | None, *, name: str, where: str) -> float:
-        """Factor to SI units [m, rad, s] of the unit `said` in a file; a unit that the user states replaces it.
+        """Factor to SI units [m, rad, s] from the unit `said` in a file, or from the unit that the user states instead.
 
         Raises
         ------

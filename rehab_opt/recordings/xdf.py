@@ -34,7 +34,7 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
 
     Raises
     ------
-    ProblemFileError : the file is not an XDF file, not exactly one stream has the channels, a unit is not a length, a
+    ProblemFileError : the file is not an XDF file, no stream or several have the channels, a unit is not a length, a
         sample is not a number, or samples are fewer than the stream's footer states.
     ConfigurationError : pyxdf is not installed.
     """
@@ -79,7 +79,7 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
 
 
 def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:
-    """All streams or, if one is unreadable, all readable streams; and the reason."""
+    """Two results: all readable streams; and the reason if a stream is unreadable."""
     try:
         return list(pyxdf.load_xdf(path)[0]), ""
     except SPOILT as problem:

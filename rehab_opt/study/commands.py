@@ -111,7 +111,7 @@ def remove(
     person: Annotated[str, typer.Option("--person", help="Person whose sessions, trials and traces are deleted.")],
     yes: Annotated[bool, typer.Option("--yes", help="Delete without asking.")] = False,
 ) -> None:
-    """Delete a person's folder, results of the person's runs elsewhere, and exports and reports with the person."""
+    """Delete a person's folder and results in other folders, and all exports and reports that include the person."""
     from rehab_opt.study.person import removed  # noqa: PLC0415
 
     with _open(study) as store:

@@ -31,7 +31,7 @@ def progress_figure(
     means: Mapping[str, Mapping[float, Interval]],
     labels: Mapping[float, str],
 ) -> str:
-    """Figure of values and of means with 95 % intervals, by condition and x; `labels` has the texts of the x axis."""
+    """Plot values, and means with 95 % intervals, over x for each condition; `labels` has the texts of the x axis."""
     figure = framed("", 2.1, NARROW)
     axes = figure.subplots()
     step = (max(labels) - min(labels)) / 40 or 0.05

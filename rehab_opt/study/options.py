@@ -61,8 +61,8 @@ def destination(
 
     Raises
     ------
-    ConfigurationError : an option needs a study, a covariate is unknown, repeated or contradicts the study, or as for
-        `session_of` and `Study`.
+    ConfigurationError : an option needs a study, a covariate is unknown, repeated or contradicts the study, or an error
+        of `session_of` or `Study`.
     """
     if study is None:
         for option, value in (("--person", person), ("--session", session), ("--covariate", covariate or None)):

@@ -87,7 +87,7 @@ def _parquet(table: Path) -> Path:
 
 
 def note_written(study: Study, paths: Iterable[Path], person: str | None) -> None:
-    """Note paths of exports and reports in the study; removing a person deletes files that include this person."""
+    """Record paths of exports and reports in the study, so that `removed` can delete those that include a person."""
     mark = study.folder / MARK
     with suppress(ConfigurationError), study.writing():  # from a read-only study, no person can be removed
         known = content_of(mark)

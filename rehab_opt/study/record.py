@@ -144,7 +144,7 @@ def versions() -> str:
 
 
 def outline(points: Array) -> list[tuple[float, float]]:
-    """Corners [m] of the convex hull in the plane of the two axes with the largest extents; empty for a line."""
+    """Corners [m] of the points' convex hull, seen along the axis with the smallest extent; empty for a line."""
     from shapely import MultiPoint, Polygon  # noqa: PLC0415
 
     axes = np.sort(np.argsort(np.ptp(points, axis=0), kind="stable")[-2:])

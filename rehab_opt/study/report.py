@@ -294,7 +294,7 @@ def _trends(means: Means) -> dict[str, Any]:
 
 
 def _contrasts(means: Means) -> dict[str, Any]:
-    """Table of differences between two conditions within each person, as means over people."""
+    """Table of mean differences between two conditions; each difference is between results of the same person."""
     rows = []
     for measure, of in means.items():
         own = {name: summary.of_people(part) for name, part in grouped(of, _condition).items()}
@@ -343,7 +343,7 @@ def _safety(study: Study, person: str | None) -> dict[str, str]:
 
 
 def _bounds(study: Study, person: str | None) -> dict[str, Any]:
-    """Tables of the values that came closest to their bounds, of the kinds of safety events, and of all events."""
+    """Three tables: the values that came closest to their bounds, the kinds of safety events, and all events."""
     limits, found = summary.bounds(study, person), summary.events(study, person)
     nearest = [
         [

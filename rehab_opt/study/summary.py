@@ -27,7 +27,7 @@ IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.name"
 
 
 class Interval(NamedTuple):
-    """Mean of `n` values with its 95 % confidence interval (Student's t); NaN ends for a single value."""
+    """Mean of `n` values with its 95 % confidence interval (Student's t), which is NaN for a single value."""
 
     mean: float
     lower: float
@@ -168,8 +168,8 @@ def session_means(
 ) -> dict[Quantity, list[SessionMean]]:
     """Means of measures over the trials of each session and condition, in the order of the sessions.
 
-    Unfinished trials and values outside the `ends` of a measure do not count. Only for a single person, `values` has
-    the values of the trials.
+    Unfinished trials, and values outside the interval that `ends` returns for a measure, do not count. Only for a
+    single person, `values` has the values of the trials.
     """
     of, who = _of_person(person)
     question = (
@@ -217,7 +217,7 @@ def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, largest: bool, person: str | None) -> Any:
-    """Finished trial with the largest or smallest value of a measure within `ends`; None without such a trial.
+    """Finished trial with the largest or smallest value of a measure inside the interval `ends`; None if there is none.
 
     The row has person, session, day, number of the trial, condition and value.
     """
@@ -241,7 +241,7 @@ def events(study: Study, person: str | None = None) -> list[Any]:
 
 
 def bounds(study: Study, person: str | None = None) -> list[Any]:
-    """Rows of all bounds with the value of any trial that came closest, sorted by closeness.
+    """Rows of all bounds, each with the value that came closest to it in any trial; the closest one is first.
 
     A row has name, value, bound, unit, number of trials beyond the bound, and number of trials with this bound.
     """
@@ -254,7 +254,7 @@ def bounds(study: Study, person: str | None = None) -> list[Any]:
 
 
 def stating_safety(study: Study, person: str | None = None) -> tuple[int, int]:
-    """Number of trials with a bound or a safety event, and number of all trials."""
+    """Two counts: the trials with a bound or a safety event, and all trials."""
     of, who = _of_person(person)
     states = "(EXISTS (SELECT 1 FROM bounds WHERE trial = t.id) OR EXISTS (SELECT 1 FROM events WHERE trial = t.id))"
     ((stating, trials),) = study.rows(f"SELECT coalesce(sum({states}), 0), count(*) {FROM} WHERE {of}", who)
