@@ -1,4 +1,4 @@
-"""Largest manipulability w_max of a chain, the scale of a manipulability floor."""
+"""Largest manipulability w_max of a chain; a manipulability floor is a fraction of it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 STARTS, LOOKED_AT = 6, 600
 TURN, SLIDE = math.pi, 1.0
-"""[rad, m] Range of a joint without limits: one turn, and 1 m either way."""
+"""[rad, m] A joint without limits is searched this far to either side of zero."""
 
 
 def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
     """Maximum of Yoshikawa's measure within the joint limits, and a posture (n,) that has it.
 
-    The maximum is the best of quasi-Newton ascents from seeded random postures, a lower bound of the true maximum. A
-    chain that is singular at every sampled posture raises `ConfigurationError`.
+    The result is the best of several quasi-Newton ascents from seeded random postures, so it is a lower bound of the
+    true maximum. A chain that is singular at every sampled posture raises `ConfigurationError`.
     """
     from scipy.optimize import minimize  # noqa: PLC0415  (loaded when used)
 

@@ -31,13 +31,13 @@ __all__ = ["ROUNDED", "Intervals", "Manoeuvre", "further"]
 FAR = 1e9
 """[rad or m] Value that replaces an infinite limit."""
 ROUNDED = 1e-10
-"""Rounding error of the duration of braking, in ticks."""
+"""Tolerance of the braking duration for rounding, in ticks."""
 OUTSIDE = 1e-9
 """[rad or m] A joint less than this beyond its limit counts as at the limit."""
 
 
 class Intervals(NamedTuple):
-    """Ends of velocity intervals of the joints, (n,) each; never empty."""
+    """Lower and upper ends, (n,) each, of three velocity intervals per joint; no interval is empty."""
 
     least: ca.SX
     most: ca.SX
@@ -47,11 +47,13 @@ class Intervals(NamedTuple):
     """Allowed commands that approach the limit at the rate `APPROACH`."""
     low: ca.SX
     high: ca.SX
-    """Useful targets for any current velocity; while braking, a joint waits for the slowest joint."""
+    """Interval of target velocities, whatever the last command was: a joint stays within its limit even if it brakes
+    for as long as the slowest joint.
+    """
 
 
 def further(ticks: ca.SX) -> ca.SX:
-    """F: braking distance over `ticks` ticks, in units of one tick at the present velocity."""
+    """Braking distance F over `ticks` ticks, in units of the distance that one tick at full velocity covers."""
     n = ca.floor(ticks)
     return n - n * (n + 1) / (2 * ca.fmax(ticks, 1e-12))
 
@@ -77,12 +79,12 @@ class Manoeuvre:
         return ca.if_else(last_one, 0, slowed_together(velocity, self.change))
 
     def place(self, q: ca.SX, velocity: ca.SX, ticks: ca.SX | float) -> ca.SX:
-        """(n,) joint positions after a tick at `velocity` (n,) and `ticks` more, clipped to the limits."""
+        """Joint positions (n,) after 1 + `ticks` ticks at `velocity` (n,), clipped to the limits."""
         ahead = q + self.dt * velocity * (1 + ticks)
         return clipped(ahead, ca.fmin(self._low, q), ca.fmax(self._high, q))
 
     def intervals(self, q: ca.SX, last: ca.SX) -> Intervals:
-        """Intervals of joints at q (n,) with the last command `last` (n,).
+        """Velocity intervals of joints at q (n,) after the command `last` (n,).
 
         Velocity limits take precedence over position limits, and these over accelerations.
         """

@@ -1,7 +1,7 @@
 """Mirror therapy: joint velocities of an arm that leads a hand along the other hand's mirrored path.
 
-This is a reconstruction of Xu, Guo, Zhang (2021), whose equations are not available to us. The path follows the
-reference with a manipulability floor, as a QP instead of a search.
+This is a reconstruction of Xu, Guo, Zhang (2021), whose equations are not available to us. A QP replaces their search:
+it follows the reference and keeps the manipulability above a floor.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that follows a mirrored path, away from singular postures.
 
-    Each tick is one of a `PoseTracker`, with a clock that reads the reference. Its limits, which also hold while
-    braking, include w(q) / w_max >= floor and the planes.
+    Each tick is a tick of `PoseTracker`; a clock reads the reference. The limits, which also hold while braking,
+    include w(q) / w_max >= floor and the planes `keep_out`.
 
-    The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes. At
-    the largest deviation the clock waits, and then catches up. If a stretch is out of reach, the hand moves along it at
-    the nearest reachable poses, and deviations are counted from there (`short`). Jumps of the reference are bridged at
-    half the hand speeds; samples of a live tracker must first pass a `Conditioner`.
+    The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes.
+    Near the largest deviation the clock waits; later it catches up. If a stretch is out of reach, the hand moves along
+    the nearest reachable poses, and deviations count from these poses (`short`). A jump of the reference is bridged at
+    half of the hand's largest speeds. Samples of a live motion tracker must first pass a `Conditioner`.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class MirrorTracker(MirrorPreview):
             max_turn=max_turn, catch_up=catch_up,
         )  # fmt: skip
         self.parts = parts = mirror_tick(self, self.pace, self._interaction, person=person is not None)
-        """Functions of a tick with the clock."""
+        """Functions of a tick that uses the clock."""
         (parameters, state, given), verdict = self._function.inputs, self._function.outputs[1]
 
         def shared(function: ca.Function, third: Array, compile: Compile) -> BufferedFunction:
@@ -187,7 +187,9 @@ class MirrorTracker(MirrorPreview):
         """Clock of the reference."""
         self._reading = BufferedFunction(self.pace.followed_function())
         self.counts: Counter[str] = Counter()
-        """Number of ticks that relaxed acceleration, were slowed, waited or braked, and of stretches that were cut."""
+        """Numbers of ticks (acceleration relaxed, reference slowed, clock waited, arm braked) and of stretches out of
+        reach.
+        """
         self._begin()
 
     # ------------------------------------------------------------------------------------------------ the user's
@@ -201,7 +203,7 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def reference(self) -> Array:
-        """Reference pose (4, 4) at the clock, before person and forces change it."""
+        """Reference pose (4, 4) that the clock reads, before the person's arm and forces change it."""
         return self._read()[FOLLOWED.places["reference"]].reshape(4, 4)
 
     def _read(self) -> Array:
@@ -211,22 +213,22 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def time_scale(self) -> float:
-        """Seconds of the reference, or of a bridge, followed per second, approximately."""
+        """Approximate pace of the clock: seconds of the reference, or of a bridge, per second."""
         return float(self._memory[RATE])
 
     @property
     def lag(self) -> float:
-        """Age [s] of the followed reference relative to the newest sample, skipped samples included."""
+        """Time [s] by which the followed pose is older than the newest sample; skipped samples count."""
         return float(self._read()[FOLLOWED["lag"]])
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] Least deviation from the reference that robot and person reach; deviations are counted from it."""
+        """[m, rad] Smallest deviation from the reference within reach of robot and person; deviations count from it."""
         return (0.0, 0.0) if self._live else self._short_by
 
     @property
     def beyond_person(self) -> tuple[float, float]:
-        """[m, rad] Part of `short` due to the person's arm: its model does not reach the reference."""
+        """[m, rad] Portion of `short` that is due to the person's arm, whose model does not reach the reference."""
         return (0.0, 0.0) if self._live else self._beyond_person
 
     @property
@@ -245,7 +247,7 @@ class MirrorTracker(MirrorPreview):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; its `scale` is the time scaling, at most 1.
+        """Joint velocity (n,) [rad/s, m/s] to hold until the next tick; the command's `scale` is the time scaling.
 
         If the state is invalid, the arm decelerates within its limits, and the clock waits. Arguments of a wrong shape
         raise `ConfigurationError`.
@@ -284,7 +286,7 @@ class MirrorTracker(MirrorPreview):
 
     # ----------------------------------------------------------------------------------------------- whole motions
     def plan(self, poses: ArrayLike, twists: ArrayLike, q: ArrayLike) -> MirrorPath:
-        """Plan the whole motion along a recording, with every guarantee of `step` and a known future; timed by Ruckig.
+        """Plan the whole motion along a recording, timed by Ruckig; every guarantee of `step` holds.
 
         Parameters
         ----------

@@ -28,9 +28,9 @@ __all__ = ["BRIDGE", "MirrorFollowing"]
 Array = NDArray[np.float64]
 
 SETTLING_TICKS = 3
-"""Ticks of the led arm's model per tick while it converges to its posture."""
+"""Steps of the led arm's model in a tick, while the model converges to its first pose."""
 BRIDGE = 0.5
-"""Fraction of the hand speeds at which a jump is bridged."""
+"""A jump of the reference is bridged at this fraction of the hand's largest speeds."""
 THEN, LIVE = REMEMBERED["then"], REMEMBERED["live"]
 TARGET, MOTION = TRIED.places["target"], TRIED.places["motion"]
 RATE, APART, ASIDE = (REMEMBERED["pace"] + PACE[name] for name in ("rate", "apart", "aside"))
@@ -50,7 +50,8 @@ class MirrorFollowing(MirrorStatement):
     _deliver: BufferedFunction
     _brake: BufferedFunction
     _memory: Array
-    """`REMEMBERED`, also as `_remembered`; the force state and the held pose are views into it."""
+    """Memory `REMEMBERED`; `_remembered`, `_felt` (state of the force response) and `_held` (position) are its views.
+    """
     _remembered: memoryview[Any]
     _felt: Array
     _held: Array
@@ -65,11 +66,11 @@ class MirrorFollowing(MirrorStatement):
         self._live = False
         self._good = b""
         self.followed: Array = np.full((4, 4), math.nan)
-        """(4, 4) reference of the last tick with a clock, before person and forces change it."""
+        """(4, 4) reference pose of the last tick that used the clock, before the person's arm and forces change it."""
         self._given[GIVEN["judged"]] = 1.0  # except in `step`, where a state is measured
 
     def beginning_of_memory(self) -> Array:
-        """`REMEMBERED` of a hand without history."""
+        """Initial memory `REMEMBERED`."""
         memory, at = np.zeros(REMEMBERED.size), REMEMBERED.places
         memory[at["held"]] = memory[at["aim"]] = memory[THEN] = math.nan
         memory[at["felt"]], memory[RATE] = self._interaction.start, 1.0
@@ -101,8 +102,9 @@ class MirrorFollowing(MirrorStatement):
         return self._tracked(here, hand)
 
     def _tracked(self, here: Array, hand: Array, *, previewed: bool = False) -> Command:
-        """One tick along the clock for the tool's pose `here` (4, 4) and twist `hand` (6,); no catching up if
-        `previewed`.
+        """One tick along the clock for a tool with pose `here` (4, 4) and twist `hand` (6,).
+
+        If `previewed`, the clock does not catch up.
         """
         clock, limit, memory = self.clock, self._limit, self._memory
         at, samples, entries = clock.now, clock.window.T, here.reshape(-1)
@@ -139,7 +141,7 @@ class MirrorFollowing(MirrorStatement):
         return command
 
     def _stopped(self, why: Array) -> Command:
-        """Fallback command, for the first three values of `NOTICED`."""
+        """Fallback command; `why` (3,) are the first three values of `NOTICED`."""
         self._live = False
         self._brake.inputs[3][:] = why
         self._brake.evaluate()
@@ -170,7 +172,7 @@ class MirrorFollowing(MirrorStatement):
         return "; ".join(each for name, each in words.items() if notes & NOTE[name])
 
     def _words(self, reason: float, where: float, element: float, details: Sequence[float]) -> str:
-        """Text of a reason; `where` numbers the arguments of `step`, with obstacles and force last."""
+        """Text of a reason; `where` is the index of the faulty argument of `step`, obstacles and force counted last."""
         if reason == NUMBER["FORCE_AT_LIMIT"]:
             return self._interaction.too_large(self._felt)
         if reason == NUMBER["INPUT_INVALID"] and where == 3 + (self.limits.moving_size > 0):

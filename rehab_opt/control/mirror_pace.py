@@ -1,4 +1,7 @@
-"""Reference of a mirrored hand in one tick, for Python and C: its pace, its pose, and how far the hand falls short."""
+"""Pace and pose of a mirrored hand's reference in one tick, and the deviation that remains if the pose is out of reach.
+
+The functions serve Python and C.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,13 @@ __all__ = [
 ]  # fmt: skip
 
 WAITS = 0.9
-"""Fraction of the largest deviation at which the clock waits."""
+"""At this fraction of the largest deviation the clock waits."""
 QUICKENING, CATCHING_UP = 0.1, 0.3
-"""[s] Time in which the clock regains its pace, and time in which it makes up for its lag."""
+"""[s] Time in which the pace rises by 1, and time constant with which the clock makes up for its lag."""
 RUSH = 4.0
-"""Fraction by which the clock may run fast while the reference rests."""
+"""Pace added to the clock while the reference rests."""
 AT_LEAST = 0.02
-"""Least fraction by which a late clock runs fast, so that it does catch up."""
+"""Least pace added to a late clock, so that it does catch up."""
 STILL = 0.01, 0.1
 """[m/s, rad/s] A slower reference counts as at rest."""
 STANDS = 0.005, 0.05
@@ -33,41 +36,41 @@ STANDS = 0.005, 0.05
 SHORT = 0.001, 0.01
 """[m, rad] A hand further from its reference counts as short of it."""
 STUCK = 0.1
-"""[s] Time at rest, with a slowed clock, after which a hand counts as at its nearest pose."""
+"""[s] A hand that has rested this long, with a slowed clock, counts as at the nearest pose within reach."""
 PATIENCE = 1.0
-"""[s] Waiting time minus running time of the clock after which a moving hand counts as at its nearest pose."""
+"""[s] A moving hand counts as at its nearest pose once the clock has waited this much longer than it ran."""
 WAITED = 0.02
 """Pace below which the clock counts as waiting."""
 
 PACE = Record(rate=1, waited=1, stood=1, apart=1, aside=1)
-"""Seconds of the reference per second; [s] time that the clock waited and that the hand stood; [m, rad] distance from
-the reference at which the hand stopped. Deviations are counted from this distance, so that a stretch out of reach is
-followed along its edge. The distance shrinks as the hand comes nearer.
+"""Seconds of the reference per second; [s] time that the clock waited; [s] time that the hand stood still; [m, rad]
+remaining deviation, at which the hand stopped. Deviations count from the remaining one, so that the hand moves along
+the edge of its reach. The remaining deviation shrinks as the hand comes nearer.
 """
 TRIED = Record(pose=16, twist=6, seconds=1, goal=12, target=16, motion=6)
-"""Followed sample: pose, twist at the clock's pace, [s] advance of the clock; target pose of the hand, which may be
-limited to the person's arm; pose and twist for the hand, which a model of that arm may change.
+"""Reference in this tick: pose, twist at the clock's pace, advance of the clock [s]; `goal`, the last target of the
+hand; `target` and `motion`, the new pose and twist for the hand, which a model of the person's arm may change.
 """
 SAID = Record(passed=1, ahead=1, bridging=1, short=1, beyond=2)
 """Number of samples passed and ahead, whether a jump is bridged, whether the hand falls short; [m, rad] deviation of
 the person's arm from the reference.
 """
 AIMED = Record(pose=16, twist=6)
-"""Target of the QP."""
+"""Pose and twist that the QP tracks."""
 COUNTED = Record(acceleration=1, slowed=1, waited=1, braked=1, cut=1)
-"""Number of ticks that relaxed acceleration, were slowed, waited or braked, and of stretches that were cut."""
+"""Numbers of ticks (acceleration relaxed, reference slowed, clock waited, arm braked) and of stretches out of reach."""
 REMEMBERED = Record(pace=PACE.size, held=3, felt=FELT.size, aim=16, then=1, live=1, counted=COUNTED.size)
-"""Memory of a tracker besides its QP's state and clock. After the pace: target position of the hand [m] (NaN if
-unknown); forces; pose of the person's arm (NaN if unknown); w / w_max at the end of the last command; whether the next
-tick needs no clock; counts.
+"""Memory of a tracker besides the state of its QP and its clock: `PACE`; held position of the hand [m]; state of the
+force response, `FELT`; last target within reach of the person's arm; w / w_max at the end of the last command; whether
+the next tick needs no clock; `COUNTED`. An unknown position or target is NaN.
 """
 FOLLOWED = Record(reference=16, time_scale=1, lag=1, manipulability=1, counted=COUNTED.size)
-"""State of following a reference, see the properties of `MirrorTracker`; and counts."""
+"""Values of the properties of `MirrorTracker` with these names, and the counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MirrorPace:
-    """Parameters of a tracker's pace: see `MirrorTracker`."""
+    """Parameters that determine the pace of the reference; see `MirrorTracker`."""
 
     dt: float
     linear_speed: float
@@ -78,7 +81,7 @@ class MirrorPace:
 
     @property
     def window(self) -> int:
-        """Number of samples, from the current one, that a tick may use: one per tick, or a bridge and one more."""
+        """Largest number of samples, from the current one on, that a tick may use, bridges included."""
         return 2 * math.ceil(1.0 + max(RUSH, self.catch_up)) + 2
 
     @property
@@ -102,7 +105,7 @@ class MirrorPace:
     def tried_function(self) -> ca.Function:
         """Function: samples, `CLOCK`, `REMEMBERED`, others, hand's pose (16,) -> `PACE`, `TRIED`.
 
-        `others` are whether the clock may catch up, and the largest pace that later samples allow.
+        `others` (2,) holds whether the clock may catch up, and the largest pace that later samples allow.
         """
         sizes = {"clock": CLOCK.size, "memory": REMEMBERED.size, "others": 2, "here": 16}
         samples = ca.MX.sym("samples", SAMPLE.size, self.window)
@@ -118,8 +121,8 @@ class MirrorPace:
         """Function: samples, `CLOCK`, `PACE`, pose and twist, `TRIED`, `REMEMBERED` -> `REMEMBERED`, `SAID`, `CLOCK`,
         `AIMED`.
 
-        The target is limited to a `person`'s arm, displaced by forces, and moved towards the hand by its least
-        deviation.
+        The pose in `AIMED` is the target, displaced by forces. The held position in `REMEMBERED` is the target, moved
+        towards the hand by the remaining deviation. With `person`, `REMEMBERED` also stores the target.
         """
         samples, clock, near = ca.SX.sym("samples", SAMPLE.size, self.window), CLOCK.symbols("c"), PACE.symbols("p")
         here, hand = others = [ca.SX.sym("given", size) for size in (16, 6)]
@@ -166,11 +169,11 @@ class MirrorPace:
     ) -> ca.SX:
         yielding, hurried, most = ca.vertsplit(others)
         late = lag - self.dt
-        # A part that the person's arm cannot reach does not slow the clock, or the clock would wait for ever.
+        # The remaining deviation does not slow the clock, or the clock would wait for ever.
         away = (distance_of(here, goal) - pace.apart) / self.max_deviation
         turned = (angle_of(here, goal) - pace.aside) / self.max_turn
         eased = clipped((WAITS - ca.fmax(away, turned)) / (WAITS - CALM), 0, 1)
-        # A resting reference is passed at full haste up to its last tick, since nothing moves.
+        # While the reference rests, the clock runs fast up to its last tick, since nothing moves.
         rush = ca.if_else(eased == 1, RUSH, 0)
         hurry = ca.if_else(still, rush, ca.fmin(self.catch_up, late / CATCHING_UP + AT_LEAST))
         hurried = all_true(hurried, yielding == 1, late > 0)  # no haste while the person pushes
@@ -182,10 +185,10 @@ class MirrorPace:
     def _waited(  # noqa: PLR0917
         self, pace: Values, current: ca.SX, yielding: ca.SX, hand: ca.SX, here: ca.SX, goal: ca.SX
     ) -> tuple[Values, ca.SX, ca.SX]:
-        """`PACE` after a tick; whether the clock waits; whether the hand now counts as at its nearest pose."""
+        """Three results: `PACE` after a tick; whether the clock waits; whether the hand is now at its nearest pose."""
         usual = ca.logic_or(ca.logic_and(pace.rate >= WHOLE, current), yielding < 1)
         waits = ca.logic_and(ca.logic_not(usual), pace.rate <= WAITED)
-        # Waiting before the clock ran on does not count.
+        # While the clock runs, the waiting time falls again.
         waited = ca.if_else(waits, pace.waited + self.dt, ca.fmax(pace.waited - self.dt, 0))
         stands = ca.logic_and(ca.norm_2(hand[:3]) <= STANDS[0], ca.norm_2(hand[3:]) <= STANDS[1])
         stood = ca.if_else(stands, pace.stood + self.dt, 0)
@@ -206,6 +209,6 @@ def _short(pace: Values) -> ca.SX:
 
 
 def counted(memory: Values, **more: ca.SX) -> ca.SX:
-    """`COUNTED` of a `REMEMBERED`, with this tick added."""
+    """Counts `COUNTED` of the memory `REMEMBERED`, increased by the counts `more` of this tick."""
     before = COUNTED.parts(memory.counted)
     return COUNTED.changed(before, **{name: getattr(before, name) + each for name, each in more.items()}).column

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 STANDING = 1e-4
 """[rad/s or m/s] Joint speeds below which a motion has ended."""
 PATIENCE = 10.0
-"""[s] Time beyond the reference's duration, and multiple of that duration, after which a plan ends incomplete."""
+"""[s] A plan ends incomplete after this time plus this multiple of the reference's duration."""
 SETTLING = 2.0
 """[s] Longest time for the approach to the last pose; then the hand stops."""
 ENDING = 10.0
@@ -50,23 +50,23 @@ class MirrorPath(NamedTuple):
     references: Array
     """(M, 4, 4) reference pose at the clock in each tick."""
     clock: Array
-    """(M,) [s] clock, in the reference's time; during a bridge the clock runs with the bridge."""
+    """(M,) [s] time of the reference that the clock reads; interpolated on a bridge."""
     short: Array
-    """(M, 2) [m, rad] least deviation from the reference; see `MirrorTracker.short`."""
+    """(M, 2) [m, rad] smallest deviation within reach; see `MirrorTracker.short`."""
     person: Array
-    """(M, 2) [m, rad] part of `short` due to the person's arm."""
+    """(M, 2) [m, rad] portion of `short` due to the person's arm; see `MirrorTracker.beyond_person`."""
     paces: Array
-    """(M,) advance of `clock` per second in the tick before: 1 is the recording's own pace, 0 the clock's end."""
+    """(M,) advance of `clock` per second in the tick before; 1 is the recording's own pace."""
     manipulability: Array
     """(M,) w / w_max at the end of the tick."""
     relaxed: list[Relaxed]
     """Bounds relaxed in each tick."""
     complete: bool
-    """Whether the end of the reference was reached; otherwise the motion ends earlier, also at rest."""
+    """Whether the motion reaches the end of the reference; otherwise it comes to rest before."""
     counts: Counter[str]
-    """See `MirrorTracker.counts`; also `lost` samples."""
+    """Counts as in `MirrorTracker.counts`, and the number of `lost` samples."""
     seconds: float
-    """Computing time."""
+    """[s] Computing time."""
 
     @property
     def deviations(self) -> Array:

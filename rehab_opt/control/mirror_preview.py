@@ -1,4 +1,4 @@
-"""Tick of a mirrored hand along a recording known in advance: most ticks come from a preview of it."""
+"""Tick of a mirrored hand along a recording that is known in advance: a preview lays out most ticks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["MirrorPreview"]
 Array = NDArray[np.float64]
 
 SPAN = 64, 128
-"""First and largest number of ticks in a layout; the number doubles each time that all of them were used."""
+"""Initial and largest number of ticks in a layout; after a layout of which every tick was used, the number doubles."""
 REST = 32
 """Largest number of ticks between an unusual tick and the next layout; the number starts at one and doubles."""
 
@@ -35,10 +35,10 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
 class MirrorPreview(MirrorFollowing):
-    """Tick of a plan, which takes its reference from the preview of the recording.
+    """Tick of a plan, whose reference comes from the preview of a recording.
 
-    The usual tick is one fused function, certified as in `MirrorTracker.step`; all others are those of
-    `MirrorFollowing`.
+    The usual tick is one call of a fused function, certified as in `MirrorTracker.step`. `MirrorFollowing` computes
+    all other ticks.
     """
 
     def _begin(self) -> None:
@@ -49,7 +49,7 @@ class MirrorPreview(MirrorFollowing):
         self._origin = 0
 
     def preview(self, q: Array, poses: Array, twists: Array, stamps: Array) -> None:
-        """Pass a whole recording (N, 4, 4), (N, 6), stamped (N,) [s], to the clock."""
+        """Pass a whole recording to the clock: poses (N, 4, 4), twists (N, 6) and time stamps (N,) [s]."""
         self._claim()  # not needed in a plan
         clock, here = self.clock, self.chain.pose(q)
         self._live = False
@@ -89,7 +89,7 @@ class MirrorPreview(MirrorFollowing):
         return self._stopped(np.array([NUMBER["NOT_ENABLED"], -1.0, -1.0]))._replace(reason="the plan ends here")
 
     def tools(self, path: list[Array]) -> Array:
-        """Poses of the tool (M, 4, 4), as `chain.pose` for each (n,), but faster."""
+        """Poses of the tool (M, 4, 4) at the postures `path`; faster than `chain.pose` for each."""
         q, pose = self._moving.inputs[0], self._moving.outputs[0].reshape(4, 4)
         found = np.empty((len(path), 4, 4))
         for i, each in enumerate(path):
@@ -100,7 +100,7 @@ class MirrorPreview(MirrorFollowing):
 
     # ---------------------------------------------------------------------------------------------------- layout
     def _lay_out(self) -> bool:
-        """Lay out the next ticks from the clock's position."""
+        """Lay out the next ticks from the clock's position; return whether there are any."""
         clock = self.clock
         plain = self._limit is None and not self._felt[FELT["active"]]
         if not plain or clock.bridging or self._solvers.solver != FUSED:
@@ -117,7 +117,7 @@ class MirrorPreview(MirrorFollowing):
         return bool(self._laid.paces)
 
     def _as_laid_out(self, q: Array) -> Command | None:
-        """Command of the next tick in the layout, or None if something is unusual."""
+        """Command of the next tick in the layout; None if the tick is not a usual one."""
         k, laid = self._next, self._laid
         verdict = self._verdict
         self._q[:] = q

@@ -1,7 +1,7 @@
 """Retiming of a plan by Ruckig: the same joint path, without the stops and hesitations of tick-by-tick planning.
 
-Ruckig treats the reference's clock and the hand's path length as two more axes. The new ticks are checked like
-commands; a passage that violates a bound is rejected.
+Ruckig treats the reference's clock and the hand's path length as two more axes. A passage is one timed run along the
+path. Its ticks are checked like commands; if one violates a bound, the passage is rejected.
 """
 
 from __future__ import annotations
@@ -29,29 +29,31 @@ __all__ = ["retimed"]
 Array = NDArray[np.float64]
 
 APART, OFTEN = 4e-3, 0.02
-"""Spacing of the path's points: [rad or m] of the joint that moves furthest, or [s] of the reference."""
+"""Spacing of the points on the path: [rad or m] of the joint that moves furthest, or [s] of the reference."""
 PARTS = 4
 """Number of cells of constant acceleration between two points."""
 NEVER = 0.9
-"""Fraction of the least time of a stretch; no passage is faster."""
+"""No passage takes less than this fraction of the shortest time for a stretch."""
 PART = 1.0 - 1e-6
-"""Fraction of speeds and accelerations that is used, so that rounding does not matter."""
+"""Used fraction of the speed and acceleration limits, so that rounding does not matter."""
 SHARE = 0.998
-"""Fraction of the largest hand speed that is used: between two checked points the speed may be slightly larger."""
+"""Used fraction of the largest hand speed, since between two checked points the speed may be slightly larger."""
 TRIES, SLOWER = 16, 0.7
 """Largest number of passages, and speed factor after a straight passage that violated a bound."""
 CURVED, CLOSELY, STRAIGHT = range(3)
-"""Ways through the points: a smooth curve, a curve through every tick of the plan, or straight lines."""
+"""Kinds of path through the points: a smooth curve, a curve through every tick of the plan, or straight lines."""
 ABOUT = 20, 3
-"""Number of ticks before and after a violated bound where the next passage is close, then straight."""
+"""Numbers of ticks to either side of a violated bound: there, the next passage goes through every tick of the plan, or
+along straight lines if it already does.
+"""
 BROKEN, EXACT = 1e-9, 1e-12
 """Tolerances for a bound, and for a joint limit."""
 
 
 def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath:
-    """The plan timed by Ruckig, or the plan itself if no such passage satisfies every bound.
+    """The plan timed by Ruckig, or the plan itself if no passage satisfies every bound.
 
-    left : (M,) [s] time of the clock to the reference's end at each tick.
+    left : (M,) [s] remaining time from the clock to the reference's end, at each tick of the plan.
     """
     way = np.abs(np.diff(plan.q, axis=0)).max(axis=1, initial=0.0)
     if not plan.complete or any(each & Relaxed.ACCELERATION for each in set(plan.relaxed)) or way.sum() < APART:
@@ -78,21 +80,22 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Ruckig's passage with ways `ways` and speed factors `slow` (M,), and the plan's tick for each tick; None if
-    slower.
+    """Passage for kinds of path `ways` (M,) and speed factors `slow` (M,), and for each of its ticks the plan's tick.
+
+    None if the passage is slower than the plan.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
     chain, dt, n = tracker.chain, tracker.dt, tracker.chain.n
     hand = np.linalg.norm(np.diff(plan.poses[:, :3, 3], axis=0), axis=1)
-    # A tick's end and its reference go together, since their distance is bounded.
+    # The position at a tick's end is paired with the tick's reference, since the distance between them is bounded.
     gone = np.append(-dt * plan.paces[0], left[0] - left[:-1])
     x = np.column_stack([plan.q, gone, np.append(0.0, np.cumsum(hand))])
     passed = _passed_points(x, ways > CURVED)
     at = _points(passed)
     speeds = PART * np.append(chain.velocity, [1.0, SHARE * tracker.linear_speed])
     seconds = (np.abs(np.diff(x[at], axis=0)) / speeds).max(axis=1)
-    # The parameter's speed is at most 1: where the passage is slower, the parameter has further to go.
+    # The path parameter's speed is at most 1, so a slower stretch gets a longer interval of the parameter.
     least = np.where(slow[at] < 1.0, 1.0 / slow[at], NEVER)[1:]
     knots = np.append(0.0, np.cumsum(least * np.maximum(seconds, 1e-6)))
     slopes = CubicSpline(knots, x[at, :n], bc_type="clamped")(knots, 1)
@@ -110,7 +113,7 @@ def _passed(
     accelerations = PART * np.append(np.minimum(chain.acceleration, 2 * chain.velocity / dt), [np.inf, np.inf])
     timing = ruckig_timing(cells, velocity=speeds, acceleration=accelerations, fastest=1.0)
     if not timing.times[-1] <= dt * (len(plan.times) - 2):
-        return None  # not slower than the plan; a passage that nearly rests in between may take days
+        return None  # slower than the plan; a passage that nearly rests in between may take days
     place = timing.at(dt * np.arange(math.ceil(timing.times[-1] / dt) + 1))
     moved = np.hstack([curve(place) for curve in curves])
     moved[0], moved[-1] = x[0], x[-1]
@@ -119,7 +122,7 @@ def _passed(
     end = left[0] - left[-1]
     references, clock = tracker.clock.left(left[0] - np.clip(np.append(moved[1:, n], end), 0.0, end))
     paces = np.diff(clock, prepend=plan.clock[0] - dt * plan.paces[0]) / dt
-    # Where the plan stands, its last tick counts: only there is the remaining deviation known.
+    # Where the plan rests, its last tick there counts: only then is the remaining deviation known.
     begins = np.interp(np.interp(place, knots, passed[at]), passed, np.arange(len(passed)))
     k = begins.astype(int)
     slowed = (paces < WHOLE) & (clock < clock[-1])
@@ -127,8 +130,8 @@ def _passed(
     bounds = [said[plan.relaxed[i]][late] for i, late in zip(k.tolist(), slowed.tolist(), strict=True)]
     symbol, w = ca.SX.sym("q", n), tracker.hand_bounds.manipulability
     share_of = ca.Function("w", [symbol], [w(symbol)[0]]).map(len(q))(np.vstack([q[1:], q[-1:]]).T)
-    # The remaining deviation grows at once: between two ticks take the later value. Turns are checked where a
-    # tick begins, distances where it ends.
+    # The remaining deviation jumps, so take its largest value around each tick. Turns are checked where a tick
+    # begins, distances where it ends.
     leads = np.maximum(np.append(begins[1:], begins[-1:]) - 1.0, 0.0)
     about = [np.floor(leads).astype(int), np.ceil(leads).astype(int), np.ceil(begins).astype(int)]
     short, person = (each[about].max(axis=0) for each in (plan.short, plan.person))
@@ -142,7 +145,10 @@ def _passed(
 
 
 def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
-    """Tool's largest speed [m/s] (M,) in ticks from q at joint velocities (M, n), angular speed scaled to linear."""
+    """Largest speed of the tool (M,) [m/s] in ticks that start at q (M, n) with joint velocities (M, n).
+
+    The angular speed counts, too, scaled by the ratio of the two speed limits.
+    """
     chain, dt = tracker.chain, tracker.dt
     at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)
     twists = [chain.jacobian_expression(at + part * dt * change) @ change for part in (0, 1)]
@@ -154,20 +160,23 @@ def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
 
 
 def _passed_points(x: Array, fine: NDArray[np.bool_]) -> Array:
-    """Number of points (M,) of the path that the plan has passed, at positions (M, n + 2) spaced by `APART`."""
+    """Number of path points (M,), spaced by `APART` or `OFTEN`, that the plan has passed at each of its ticks.
+
+    x : (M, n + 2) joint positions, clock and path length. fine : (M,) whether every tick of the plan is a point.
+    """
     moved = np.maximum(np.abs(np.diff(x[:, :-2], axis=0)).max(axis=1) / APART, np.diff(x[:, -2]) / OFTEN)
     return np.append(0.0, np.cumsum(np.where(fine[1:] & (moved > 0.01), 1.0, moved)))
 
 
 def _points(passed: Array) -> NDArray[np.int_]:
-    """Ticks that the path passes through: the first, the last, and those that begin a new point."""
+    """Ticks of the plan that become points of the path: the first, the last, and each at which a new point begins."""
     at = np.unique(np.searchsorted(passed, np.arange(math.ceil(passed[-1]))))
     last = int(np.searchsorted(passed, passed[-1]))
     return np.append(at[passed[at] < passed[last] - 0.5], last)
 
 
 def _broken(tracker: MirrorTracker, found: MirrorPath, plan: MirrorPath) -> NDArray[np.bool_]:
-    """(M,) ticks that violate a bound of commands: the arm's, or the reference's."""
+    """Whether each tick (M,) violates a bound of the arm, or the largest deviation from the reference."""
     moving = np.zeros((tracker.limits.moving_size, len(found.q)))
     kept = np.array(tracker.limits.judged.map(len(found.q))(found.q.T, moving, found.velocities.T))[0] > 0.5
     kept &= _hand_speeds(tracker, found.q, found.velocities) <= tracker.linear_speed * (1 + BROKEN)

@@ -1,4 +1,4 @@
-"""QP of a mirrored hand: that of `PoseTracker` with a manipulability floor and planes among its limits."""
+"""QP of a mirrored hand: the QP of `PoseTracker` with a manipulability floor and planes as further limits."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ WHOLE = 0.999
 CALM = 0.45
 """Fraction of the largest deviation up to which the clock keeps its pace."""
 SPARE = 0.95
-"""Fraction of the hand speeds that the reference may use; the rest is for catching up."""
+"""Fraction of the hand's largest speeds that the reference may use; the rest is for catching up."""
 
 STANDS = 1e-6
 """[rad/s or m/s] Joint speeds below which a robot is at rest."""
 
 
 class MirrorStatement(PoseTracker):
-    """A `PoseTracker` that reports whether its next tick needs no clock, and w / w_max."""
+    """A `PoseTracker` that also reports w / w_max, and whether its next tick needs no clock."""
 
     max_deviation: float
     max_turn: float
     hand_bounds: HandBounds
 
     def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """Report of `PoseTracker`, whether the reference may continue at its own pace, and the final w / w_max.
+        """Report of `PoseTracker`; whether the reference may continue at its own pace; w / w_max after the tick.
 
-        The reported scale is the clock's pace, except for a robot that is blocked and at rest.
+        The reported scale is 0 for a robot that is blocked and at rest, else 1.
         """
         moves = ca.logic_or(report[1] > 0, ca.mmax(ca.fabs(command)) > STANDS)
         usual = [

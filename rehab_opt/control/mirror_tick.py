@@ -1,7 +1,7 @@
 """One tick of a mirrored hand as functions of (parameters, state, memory, inputs) -> (memory, command).
 
-Between them, the caller stores the reference samples, evaluates the model of the led arm, and solves the QP. C code is
-generated from the same functions.
+Between these functions, the caller stores the reference samples, evaluates the model of the led arm, and solves the QP.
+C code is generated from the same functions.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ __all__ = ["NOTICED", "MirrorTick", "mirror_tick"]
 VERDICT = Record(residual=1, valid=1, solver=1, relaxed=1, scale=1, reason=1, element=1, usual=1, then=1)
 """Verdict on the QP's answer; from `relaxed` on it is the QP's report, see `MirrorStatement.told`."""
 NOTICED = Record(reason=1, input=1, element=1, here=16, hand=6)
-"""Number of the reason to brake, 0 for none; for an invalid number, the argument of `step`, counted from 0, and its
-element, -1 for none; the tool's pose and twist.
+"""Number of the reason to brake, 0 for none; index of the invalid argument of `step`, and of its element, -1 for none;
+the tool's pose and twist.
 """
 ORIGIN = [3, 7, 11]
 """Indices of the position in a pose, row by row."""
 ACCELERATION, TASK = int(Relaxed.ACCELERATION), int(Relaxed.TASK)
-"""Numbers of the bounds that may be relaxed last."""
+"""Flags of `Relaxed` as numbers."""
 NOTE = {note.name: 2**i for i, note in enumerate(NOTES)}
 _FELT, _HELD = REMEMBERED.places["felt"], REMEMBERED.places["held"]
 
@@ -58,13 +58,13 @@ class MirrorTick(NamedTuple):
     `REMEMBERED` -> parameters, `REPORT`, `REMEMBERED`.
     """
     brake: ca.Function
-    """Parameters, state, the QP's verdict, the first three of `NOTICED`, `REMEMBERED` -> state, `REPORT`, `REMEMBERED`,
-    for the fallback command.
+    """Fallback command: parameters, state, the QP's verdict, the first three values of `NOTICED`, `REMEMBERED` ->
+    state, `REPORT`, `REMEMBERED`.
     """
 
 
 def mirror_tick(of: MirrorStatement, pace: MirrorPace, law: Interaction, *, person: bool) -> MirrorTick:
-    """Functions of a tracker; `person` is true if a model of the led arm limits the reference."""
+    """Functions of a tracker's tick; `person` is true if a model of the led arm limits the reference."""
     return MirrorTick(
         _notice(of, law), pace.tried_function(), pace.concluded_function(person=person), _deliver(of), _brake(of)
     )
@@ -78,7 +78,7 @@ def _notice(of: MirrorStatement, law: Interaction) -> ca.Function:
     q, known, own = of.functions.judge(p[:n], state[begin:size], state[size:], given)
     moving = moving_tool_function(of.chain)
     here, hand = moving(q, known[:n])
-    seen = moving(p[:n], known[:n])[0]  # work is done at the measured hand
+    seen = moving(p[:n], known[:n])[0]  # the force does its work at the measured hand
     old, last = REMEMBERED.symbols("memory"), ca.SX.sym("accepted", 22)
     after = REMEMBERED.changed(old, held=ca.if_else(old.live, last[ORIGIN], old.held), live=ca.SX(0))
     memory = ca.Function("left", [old.column, last], [after.column])(memory, accepted)

@@ -1,4 +1,4 @@
-"""Obstacles on the floor as rows on the chair's velocity: a stopping barrier for any tick length."""
+"""Obstacles on the floor as linear bounds (rows) on the chair's velocity, valid for any tick length."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NUMBERS = 4
-"""Number of values of an obstacle."""
+"""Number of values that describe an obstacle."""
 TINY = 1e-100
 """[m] A distance whose square underflows."""
 _NONE, HALF_PLANE, DISC = 0.0, 1.0, 2.0
@@ -37,7 +37,7 @@ class HalfPlane(NamedTuple):
     normal: tuple[float, float]
     """Normal into the wall, of any positive length."""
     offset: float
-    """[m] times the normal's length."""
+    """[m] for a unit normal; for any other, multiplied by the normal's length."""
 
 
 class Disc(NamedTuple):
@@ -53,7 +53,7 @@ Obstacle = HalfPlane | Disc
 
 
 class ObstacleRows(NamedTuple):
-    """Rows matrix @ (forward, left, turn) <= room of one obstacle; rest always satisfies them."""
+    """Rows matrix @ (forward, left, turn) <= room that one obstacle imposes; a chair at rest always satisfies them."""
 
     matrix: ca.SX
     """(2, 3)"""
@@ -71,7 +71,7 @@ class ObstacleRows(NamedTuple):
 
 
 def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array:
-    """Obstacles (4 max_obstacles,) as a parameter, each with its kind last; unused ones have kind 0.
+    """Obstacles as a parameter (4 max_obstacles,): four values each, the kind last; kind 0 marks an unused entry.
 
     Raises `ConfigurationError` for too many obstacles, another type, or an invalid number.
     """
@@ -93,7 +93,7 @@ def obstacle_numbers(obstacles: Sequence[Obstacle], max_obstacles: int) -> Array
 
 @cache
 def obstacle_function() -> ca.Function:
-    """Function: kind, x, y and size of an obstacle (4,), kind 0 for none -> its numbers (4,), whether it is invalid."""
+    """Function: kind (0 for none), x, y and size of an obstacle (4,) -> its four parameters, whether it is invalid."""
     told = ca.SX.sym("told", 4)
     kind, x, y, size = ca.vertsplit(told)
     largest = ca.fmax(ca.fabs(x), ca.fabs(y))  # so that no square is too large or too small
@@ -133,16 +133,16 @@ def approach(
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
     normal at the point nearest to the disc's centre c. The bound does not jump when another edge becomes the nearest.
 
-    A turn at the rate w moves a corner p off its straight path by at most |p| (w dt)^2/2. An arc of the wheels adds
-    drive |w| dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed towards
-    the wall is a concave function of w, not negative at w = 0. The rows are two chords of this function, from w = 0 to
-    the largest turn rates.
+    A turn at the rate w moves a corner p off its straight path by at most |p| (w dt)^2/2. If the chair drives an arc,
+    this adds drive |w| dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed
+    towards the wall is a concave function of w, not negative at w = 0. The rows are two chords of this function, from
+    w = 0 to the largest turn rate on either side.
 
     Parameters
     ----------
     numbers : (4,) of `obstacle_numbers`. place : (3,) q1, q2, q3 of the chair.
     dt : tick [s]. turn : [rad/s] largest turn rate in this tick. drive : [m/s] largest speed.
-    horizon : [s] each corner's closing speed is at most its gap over this; at least dt, and the time to stop.
+    horizon : [s] a corner's closing speed is at most its gap divided by `horizon`; at least dt and the time to stop.
     """
     cos, sin = ca.cos(place[2]), ca.sin(place[2])
     disc = numbers[3] == DISC
@@ -162,7 +162,7 @@ def approach(
     )
 
     def turning(gap: ca.SX, x: float | ca.SX, y: float | ca.SX, bent: float | ca.SX) -> ca.SX:
-        """Allowed closing speeds (3,) of a point's gap without a turn and at the largest turn rate to either side."""
+        """Largest closing speeds (3,) of a point: without a turn, and at the largest turn rate to either side."""
         lever, sweep = turn * (normal[1] * x - normal[0] * y), bent * turn * (dt / 2) * there
         return ca.fmax(gap, 0) / horizon + ca.vertcat(0, -lever - sweep, lever - sweep)
 

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 class PathAssistance(BoundedForce):
-    """Force on a hand [N] by a spring to its progress point on a path; bounded as in `BoundedForce`.
+    """Force [N] of a spring that pulls a hand to its progress point on a path; bounded as in `BoundedForce`.
 
     min  |F - F_desired|^2  within the bounds of `BoundedForce`, where inside the comfortable workspace
 
@@ -42,7 +42,7 @@ class PathAssistance(BoundedForce):
     `reset` restarts it.
 
     A hand that stands still under more than 0.1 of `force_limit` is released: the force fades within 0.3 s, and the
-    command is BLOCKED. At another point of the path, at most 20 widths away, the force grows again.
+    command is BLOCKED. Once the hand is at another point of the path, at most 20 widths away, the force grows again.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class PathAssistance(BoundedForce):
             ),
         )
         self.track = np.pad(sampled.points, ((BEFORE, BESIDE), (0, 0)), mode="edge")
-        """(N, 2) [m] samples of the path, with the first and the last repeated."""
+        """(N, 2) [m] samples of the path; the first and the last are repeated."""
         self._flat = self.track.ravel()
         option = bounds.get("compile")
         self._edges = edge_columns(comfortable.polygon)

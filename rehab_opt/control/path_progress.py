@@ -1,13 +1,14 @@
-"""Progress of a hand along a path as a state: one function of numbers, for Python and C.
+"""Progress of a hand along a path: a state that one numerical function updates, for Python and C.
 
-A spring S holds the hand x to the path point p(s). The arc length s [m] follows the hand in both directions:
+A spring of stiffness S pulls the hand at x to the path point p(s). The arc length s [m] follows the hand in both
+directions:
 
     s' = argmin |x - p(sigma)|^2,    |sigma - s| <= 2 widths,    |s' - s| <= speed cap dt
 
-With the force limit F, the arc length s stays constant while the hand is further than F/S and a width from p(s). A hand
-that stands still under more than 0.1 F for 0.3 s is released. The spring holds the hand again within a width of a path
-point 1 to 20 widths away along the path. A hand that is elsewhere after a gap without valid samples is released at
-once.
+With the force limit F, the arc length s stays constant while the hand is further than F/S plus a width from p(s). A
+hand that stands still under more than 0.1 F for 0.3 s is released. The spring pulls again once the hand is within a
+width of a path point that is 1 to 20 widths away along the path. If the hand is far from p(s) after a gap without valid
+samples, it is released at once.
 """
 
 from __future__ import annotations
@@ -24,25 +25,25 @@ from rehab_opt.symbolic.record import Record
 __all__ = ["BEFORE", "BESIDE", "PATH_MODEL", "PROGRESS", "progress_function"]
 
 PATH_MODEL = Record(stiffness=1, spacing=1, last=1, force_limit=1, speed_cap=1, dt=1)
-"""S [N/m]; sample spacing [m]; number of the last sample; force limit [N]; speed cap [m/s]; width [m]; tick [s]."""
+"""S [N/m]; sample spacing [m]; index of the last sample; force limit [N]; speed cap [m/s]; tick [s]."""
 PROGRESS = Record(at=1, furthest=1, stood=1, mark=1, grip=1, away=1, gap=1, place=2, along=2)
-"""s and the largest s so far, in samples; time [s] that the hand has stood still under force since s moved by a width
-from the sample `mark`; fraction of the force; whether the hand is released; whether no sample has been valid since;
-p(s) [m] and the path's direction there.
+"""s, and the largest s so far, both in samples; time [s] that the hand has stood still under force; `mark`, the value
+of s when the hand last moved by a width; fraction of the force that acts; whether the hand is released; whether there
+was a gap without valid samples; p(s) [m], and the path's direction there.
 """
 WINDOW = 2.0
 """Range of the search for the nearest point, in widths either way."""
 STANDING = 0.1
-"""Fraction of the force limit above which a hand that stands still is being held."""
+"""If the force on a hand that stands still exceeds this fraction of its limit, the hand counts as held."""
 PATIENCE, FADE = 0.3, 0.3
-"""[s] Longest time of holding, and time in which the force then fades."""
+"""[s] Longest time for which a hand is held, and time in which the force then fades."""
 HORIZON = 20.0
 """Range, in widths either way, within which a released hand is held again; less than one round of a repeated path."""
 TIE = 1e-12
 """[m^2] Squared distances that differ by less are equal."""
 NEAR, BEFORE = math.ceil(WINDOW * SAMPLES_PER_WIDTH), math.ceil(HORIZON * SAMPLES_PER_WIDTH)
 BESIDE = 2 * BEFORE + 2
-"""Numbers of samples: in the window; before s in a tick; in a tick altogether."""
+"""Numbers of samples that a tick uses: on either side of s in the search window; before s; in all."""
 
 
 @cache
@@ -75,13 +76,13 @@ def progress_function() -> ca.Function:
     fades = ca.if_else(ca.logic_or(away, ended), -model.dt, model.dt) / FADE
     grip = ca.if_else(lost, 0, clipped(old.grip + fades, 0, 1))
 
-    # Where a released hand is held again.
+    # The point at which the spring pulls a released hand again.
     again = _other_place(hand, old.place, beside, first=first, last=model.last, width=width)
     returns = all_true(old.away > 0, old.grip == 0, again >= 0)
     at, away = ca.if_else(returns, again, at), ca.if_else(returns, 0, away)
     mark, stood = ca.if_else(ca.logic_or(moved, returns), at, old.mark), ca.if_else(away, 0, stood)
 
-    # Place and direction there; for a hand that is held again, from the next tick on.
+    # Path point and direction at s; for a hand that is held again, they are right from the next tick on.
     begin, end = BEFORE - NEAR, BEFORE + NEAR + 1
     corner, way, past = beside[:, begin], beside[:, begin + 1] - beside[:, begin], at - first - begin
     for i in range(begin + 1, end + 1):
@@ -97,7 +98,10 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Index, from the first of `beside`, of the point in the window that is nearest to the hand; on ties the last."""
+    """Index in `beside`, with a fraction, of the path point nearest to the hand; of equally near points, the last one.
+
+    The search covers `WINDOW`.
+    """
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
         way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]
@@ -109,7 +113,10 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
 
 
 def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Nearest sample within a width of the hand, at least a width away along the path; -1 if there is none."""
+    """Sample within a width of the hand, and at least a width from s; the nearest to s along the path.
+
+    -1 if there is none, or if the hand is within a width of its old point `left`.
+    """
     found = ca.SX(-1)
     for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):
         for i in (BEFORE - apart, BEFORE + apart):

@@ -2,8 +2,8 @@
 
     q' = q_s s',    q'' = q_s s'' + q_ss s'^2,    q''' = q_s s''' + 3 q_ss s' s'' + q_sss s'^3
 
-The path is cut into zones. With an axis's bounds v, a and j of velocity, acceleration and jerk, and the fractions c_a,
-c_j and c_x, the progress in a zone is bounded by the minimum over the axes of
+The path is cut into zones. In a zone, the progress has bounds V, A and J of speed, acceleration and jerk. With the
+bounds v, a and j of an axis and the fractions c_a, c_j and c_x, they are the minimum over all axes of
 
     V = min(v / |q_s|, (c_a a / |q_ss|)^(1/2), (c_j j / |q_sss|)^(1/3))
     A = min((a - |q_ss| V^2) / |q_s|, c_x (j - |q_sss| V^3) / (3 |q_ss| V))
@@ -25,16 +25,16 @@ __all__ = ["PathCells", "PathTiming", "ruckig_timing"]
 Array = NDArray[np.float64]
 
 CURVE, BEND, CROSS = 0.7, 0.7, 0.5  # c_a, c_j, c_x
-ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone of speeds; of speeds without jerk; of accelerations
-QUICK = 1e-4  # [s] Least time in which the progress reaches its speed limit, also if all axes stand.
+ALIKE, SHARPER, STRONG = 1.05, 1.02, 3.0  # ratio in a zone: of speeds; the same without jerk bounds; of accelerations
+QUICK = 1e-4  # [s] Least time in which the progress reaches its speed limit, also where no axis moves.
 PART, SPEED, RAMP = 1.0 - 1e-4, 1.0 - 5e-7, 1e-3
-"""Used fraction of a zone's length and of the speed limit at its ends; least fraction of its shortest time for the rise
-of acceleration. Without these margins rounding makes Ruckig refuse some zones.
+"""Used fraction of a zone's length; used fraction of the speed limit at its ends; least rise time of the acceleration,
+as a fraction of the zone's shortest time. Without these margins, Ruckig refuses some zones because of rounding.
 """
 
 
 class PathCells(NamedTuple):
-    """Cells of a path of n axes, cubic in each: K + 1 ends, and three derivatives (K, n) at their starts."""
+    """A path of n axes in K cubic cells: their ends (K + 1,), and three derivatives (K, n) at the start of each."""
 
     knots: Array
     first: Array
@@ -43,14 +43,18 @@ class PathCells(NamedTuple):
 
 
 class PathTiming(NamedTuple):
-    """Progress and its first three derivatives (4, M) at the start of M pieces of constant jerk, and their ends."""
+    """Timed progress in M pieces of constant jerk.
+
+    `times` (M + 1,) [s] are the ends of the pieces. `pieces` (4, M) are the progress and its first three derivatives at
+    the start of each piece, and `end` is the final progress.
+    """
 
     times: Array
     pieces: Array
     end: float
 
     def at(self, times: Array) -> Array:
-        """Progress (N,) at these times [s]; the path's end afterwards."""
+        """Progress (N,) at `times` (N,) [s]; after the last piece, the path's end."""
         k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         since, (s, v, a, j) = times - self.times[k], self.pieces[:, k]
         return np.where(times < self.times[-1], s + since * (v + since * (a / 2.0 + since * j / 6.0)), self.end)
@@ -84,7 +88,10 @@ def ruckig_timing(
 
 
 def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTiming:
-    """Ruckig's way through Z zones between `places` (Z + 1,), with bounds (Z,) of speed, acceleration and jerk."""
+    """Timing by Ruckig through Z zones, which end at the progress `places` (Z + 1,).
+
+    top, quick, sudden : (Z,) bounds of speed, acceleration and jerk of the progress.
+    """
     import ruckig  # noqa: PLC0415  (loaded when used)
 
     solver, question, plan = ruckig.Ruckig(1), ruckig.InputParameter(1), ruckig.Trajectory(1)
@@ -112,7 +119,7 @@ def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTimi
 
 
 def _reached(speed: float, way: float, acceleration: float, jerk: float) -> float:
-    """Largest speed that can be reached within `way`, with zero acceleration at both ends."""
+    """Largest speed that can be reached from `speed` over the distance `way`, with zero acceleration at both ends."""
     brief = acceleration / jerk
     if way >= (2.0 * speed + acceleration * brief) * brief:
         half = speed + acceleration * brief / 2.0

@@ -1,4 +1,4 @@
-"""Limit a reference pose to a person's range of motion: the hand of a model arm that tracks the reference."""
+"""Limit a reference pose to a person's range of motion: a model arm tracks it, and the model's hand is the result."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ SETTLING, SETTLING_DT = 300, 0.05
 SETTLED = 1e-6
 """[rad/s] Joint speeds below which the model has converged."""
 GAIN = 30.0
-"""[1/s]"""
+"""[1/s] Rate at which the model arm's pose error decays."""
 
 
 def model_tick(chain: SerialChain) -> ca.Function:
     """Function: posture (n,), joint velocities (n,), time [s], ticks left -> posture, ticks left, pose (16,), twist
     (6,).
 
-    The ticks are for convergence to the first pose, 0 once it is reached. Pose and twist are those of the model's hand.
+    The ticks left are for convergence to the first pose; 0 once it is reached. Pose and twist are those of the model's
+    hand.
     """
     q, velocity, seconds = ca.SX.sym("q", chain.n), ca.SX.sym("velocity", chain.n), ca.SX.sym("seconds")
     ticks = ca.SX.sym("ticks")
@@ -55,9 +56,10 @@ class _Model(PoseTracker):
 
 
 class PersonLimit:
-    """Nearest pose to a moving reference that a model arm with this range of motion can follow.
+    """Pose nearest to a moving reference that a model arm with the person's range of motion can follow.
 
-    The model arm satisfies its joint limits exactly and never jumps. Another start posture may reach more poses.
+    The model arm satisfies its joint limits exactly and never jumps. From another start posture, the model may reach
+    more poses.
 
     Parameters
     ----------
