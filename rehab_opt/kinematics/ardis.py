@@ -1,7 +1,7 @@
-"""ARDIS: a wheelchair and the four-joint arm on it as one chain. Table 1, Honzik.
+"""ARDIS, a wheelchair with a four-joint arm, as one chain (Table 1, Honzik).
 
-The paper gives only the joints' order and axes. Every length, mass and limit is an assumption, and an argument. With
-the defaults the hand reaches the floor, a table and a lift's buttons, as the paper requires.
+The paper gives only the joints' order and axes. Every length, mass and limit is an assumption that an argument
+replaces. With the defaults the hand reaches the floor, a table and a lift's buttons, as the paper requires.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ARDIS_KEEP_OUT = (
     Capsule("legs", (-0.1, 0.0, 0.55), (0.40, 0.0, 0.50), 0.18),
     Capsule("chair", (-0.25, 0.0, 0.25), (0.30, 0.0, 0.25), 0.24),
 )
-"""Assumption: a sitting adult between the wheels, and the chair below."""
+"""Assumed shapes of a sitting adult between the wheels, and of the chair below."""
 
 
 def ardis(

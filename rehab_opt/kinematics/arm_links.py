@@ -23,7 +23,7 @@ SAMPLES = 5
 SAME = 1e-9
 """[m] A smaller distance, or [m/rad] motion of the hand, is rounding."""
 LOOKED_AT, REFINED = 1000, 3
-"""Number of random postures that are evaluated, and number of the best ones that start a search."""
+"""Number of random postures that are evaluated, and number of the best of them from which a search starts."""
 
 
 class LinkEnd(NamedTuple):
@@ -32,7 +32,7 @@ class LinkEnd(NamedTuple):
     frame: int
     """Frame number as in `LinkCapsule`: joints 1 to `frame` move the point."""
     offset: tuple[float, float, float]
-    """(3,) [m] in the frame."""
+    """(3,) [m] position of the point in that frame."""
     moves: bool
     """Whether a joint of the arm moves the point."""
 
@@ -52,7 +52,7 @@ class ArmLink(NamedTuple):
 
 
 def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = True) -> tuple[ArmLink, ...]:
-    """The capsules on links after joint `first`; a chain without capsules gets segments from joint to joint.
+    """Capsules of the links after joint `first`; a chain without capsules gets one from each joint to the next.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
 
 
 def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str) -> tuple[LinkCapsule, ...]:
-    """The links as capsules in the frame of their far end, in which the near end does not move."""
+    """Each link as a capsule in the frame of its far end, in which its near end is at rest."""
     frames = chain.frames_expression(ca.SX.zeros(chain.n))
     found = []
     for i, (begin, end, radius) in enumerate(links):
@@ -89,7 +89,7 @@ def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str)
 
 
 def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> float:
-    """[m] upper bound of the distance from any arm joint's axis to the tool or to a point of a link."""
+    """[m] upper bound of the distance between any joint axis of the arm and any point of its links or tool."""
     before, *others = chain.rows[first:]
     beside = [math.hypot(*end.offset) for link in links for end in (link.begin, link.end)]
     beside.append(float(np.linalg.norm(chain.tool[:3, 3])))
@@ -98,7 +98,7 @@ def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> 
 
 
 def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:
-    """[m^6] squared volume of tool velocities at unit speeds of the joints after `first`: det(J J')."""
+    """[m^6] det(J J^T), where J (3, k) is the linear Jacobian of the tool for the joints after `first`."""
     columns = chain.jacobian_expression(q)[:3, :]
     moving = [first + int(i) for i in np.flatnonzero(_moves_hand(chain, first))]
     if len(moving) == 3:
@@ -110,7 +110,7 @@ def hand_volume(chain: SerialChain, q: ca.SX, *, first: int) -> ca.SX:
 def maximise_hand_volume(chain: SerialChain, *, first: int) -> float:
     """[m^3] square root of the largest `hand_volume` within the joint limits.
 
-    Bounded ascents start at the best of seeded random postures, so every run gives the same number.
+    L-BFGS-B searches start at the best of many random postures. The seed is fixed, so every run gives the same value.
     """
     from scipy.optimize import minimize  # noqa: PLC0415  (loaded when used)
 
@@ -133,7 +133,7 @@ def maximise_hand_volume(chain: SerialChain, *, first: int) -> float:
 
 
 def _places(chain: SerialChain, ends: list[LinkEnd], first: int) -> Array:
-    """(ends, samples, 3) [m] positions at random postures; the joints before `first` are at zero."""
+    """Positions [m] of the `ends` at random postures, (ends, postures, 3); the joints before `first` are at zero."""
     q = ca.SX.sym("q", chain.n)
     frames = chain.frames_expression(q)
     function = ca.Function("places", [q], [ca.horzcat(*(end.place(frames) for end in ends))])

@@ -34,9 +34,10 @@ class Body(NamedTuple):
 
 
 def of_a_body(inertia: ArrayLike) -> bool:
-    """Whether a body can have this inertia (3, 3): no principal moment below 0 or above the sum of the others.
+    """Whether a real body can have this inertia (3, 3).
 
-    A violation of 1e-6 of the largest moment is accepted. False for NaN and for a matrix that is not symmetric.
+    Each principal moment must be between 0 and the sum of the other two. Violations up to 1e-6 of the largest moment
+    are accepted. NaN and asymmetric matrices give False.
     """
     try:
         matrix = real_array(inertia)

@@ -30,19 +30,20 @@ __all__ = ["SerialChain", "per_joint", "turning_speeds"]
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
 LONG_TOOL, FAR_BASE, LONG_ROW, LONGEST = 2.0, 10.0, 20.0, 1e6
-"""Longest tool and shape of a link, as a multiple of the arm's length or of 1 m; farthest base, as a multiple of that;
-[m] longest row, and length assumed for prismatic joints without limits."""
+"""Largest accepted lengths. A tool or capsule: `LONG_TOOL` times the arm's length, or times 1 m if that is more. The
+distance of the base: `FAR_BASE` times the limit of the tool. One row: `LONG_ROW` [m]. `LONGEST` [m] bounds the sum of
+all lengths; prismatic joints without limits reach it."""
 MAX_WRITTEN = 64
 """Largest number of cached expressions."""
 _written: PerThread[dict[tuple[Any, ...], ca.Function]] = PerThread(dict)
 
 
 def _written_once(expression: Expression) -> Expression:
-    """Cache an expression of joint values for all chains with the same rows, base and tool.
+    """Decorator that caches an expression of the joint values; chains with equal rows, base and tool share it.
 
-    Without the cache, expressions take half of the time in which a controller is made. Each thread has its own cache,
-    because CasADi counts references to expressions without a lock. Subclasses, and arguments other than a column of n
-    symbols, do not use the cache.
+    Without the cache, building these expressions takes half of the time of creating a controller. Each thread has its
+    own cache, because CasADi counts references to expressions without a lock. Subclasses, and arguments other than a
+    column of n symbols, do not use the cache.
     """
 
     @wraps(expression)
@@ -178,8 +179,8 @@ class SerialChain(HasEvaluator):
 
         Frame i of `frames_expression` has its origin at joint i + 1 and its z axis along that joint's axis; frame n is
         at the tip link, and the last frame at the tool. Angles stay as written: a rounded 3.1416 is not corrected.
-        Meshes and soft limits are ignored. `notes` lists corrections. `bodies` has the masses of the links and of parts
-        on them, such as a camera, or a gripper with its joints at zero.
+        Meshes and soft limits are ignored. The chain's `notes` list what was corrected. Its `bodies` are the masses of
+        the links and of devices on them, such as a camera, or a gripper with its joints at zero.
 
         Parameters
         ----------
@@ -224,9 +225,9 @@ class SerialChain(HasEvaluator):
     ) -> SerialChain:
         """The chain between two bodies of a MuJoCo model; needs `pip install rehab_opt[mjcf]`.
 
-        Differences from `from_urdf`: `base` is a body (default the world), and `tip` a body or site (default the only
-        leaf). `velocity` is required, because MJCF has no speed limits. Joint values are those of MuJoCo and include
-        `ref`. By default, `effort` comes from the force ranges of each joint's drives.
+        Differences from `from_urdf`: `base` is a body (by default the world), and `tip` is a body or site (by default
+        the only leaf). `velocity` is required, because MJCF has no speed limits. Joint values are those of MuJoCo and
+        include `ref`. By default, `effort` comes from the force ranges of each joint's drives.
         """
         given = Given(acceleration, velocity, lower, upper, locked, capsules, effort)
         return cls._imported(MJCF, file, base, tip, given, mount=mount, tool=tool)
@@ -255,7 +256,7 @@ class SerialChain(HasEvaluator):
 
     @property
     def reach(self) -> float:
-        """[m] Upper bound of the tool's distance from the base: all lengths, with prismatic joints at their limits."""
+        """[m] Upper bound of the tool's distance from the base: the sum of all link lengths at the joint limits."""
         return self.reach_from(0)
 
     def reach_from(self, joint: int) -> float:
@@ -274,7 +275,7 @@ class SerialChain(HasEvaluator):
         )  # one joint gives a column, which would come flat
 
     def manipulability(self, q: ArrayLike) -> float:
-        """Yoshikawa's measure w = sqrt(det(J J')), and sqrt(det(J' J)) below six joints."""
+        """Yoshikawa's measure w = sqrt(det(J J^T)); for fewer than six joints, w = sqrt(det(J^T J))."""
         return float(self._evaluate(self.manipulability_expression, q)[0])
 
     def manipulability_gradient(self, q: ArrayLike) -> Array:
@@ -296,7 +297,7 @@ class SerialChain(HasEvaluator):
     # -------------------------------------------------------------------------------------------- expressions
     @_written_once
     def frames_expression(self, q: ca.SX, rows: Sequence[ChainRow] | None = None) -> list[ca.SX]:
-        """Poses (4, 4), n + 2 of them, in the base frame: the base, the frame after each row, and the tool.
+        """List of n + 2 poses (4, 4) in the base frame: the frame of row 1, the frame after each row, and the tool.
 
         `rows` replace the chain's rows; their lengths may be expressions.
         """
@@ -351,10 +352,10 @@ class SerialChain(HasEvaluator):
         return ca.horzcat(*columns)
 
     def _moves_amid(self, q: ca.SX) -> ca.SX:
-        """(6, n) geometric Jacobian for `manipulability`; with six or more joints it refers to the middle frame.
+        """(6, n) geometric Jacobian for `manipulability`; with six or more joints, in the frame of the middle link.
 
-        det(J J') does not depend on the frame, and the middle frame needs a fifth of the operations. With fewer joints
-        det(J' J) depends on the frame.
+        det(J J^T) is the same in every frame, and the middle frame needs a fifth of the operations. With fewer than six
+        joints, det(J^T J) depends on the frame.
         """
         if self.n < 6:
             return self.jacobian_expression(q)
@@ -381,7 +382,7 @@ def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
 
 
 def turning_speeds(velocity: ArrayLike, n: int) -> Array:
-    """(n,) [rad/s] speeds of a known arm's joints; raises `ConfigurationError` for degrees a second."""
+    """(n,) [rad/s] joint speed limits; raises `ConfigurationError` if they look like degrees per second."""
     speeds = per_joint("velocity", velocity, n)
     if np.any(speeds > SIX_TURNS):
         raise ConfigurationError("velocity", velocity, f"at most {SIX_TURNS:.3g}: is it in rad/s?")
@@ -389,7 +390,7 @@ def turning_speeds(velocity: ArrayLike, n: int) -> Array:
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:
-    """`value` as a read-only float array (n,); a scalar stands for every joint."""
+    """`value` as a read-only float array (n,); a scalar applies to all joints."""
     array = np.array(checked_array(argument, value, f"{n} numbers"))
     if array.ndim == 0:
         array = np.full(n, float(array))

@@ -14,10 +14,12 @@ from rehab_opt.kinematics.link import ChainRow, Link
 __all__ = ["DH", "SIX_TURNS", "TWO_TURNS", "checked_rows", "exact"]
 
 TWO_TURNS = 4 * math.pi
-"""[rad] Largest accepted angle; a larger one is in degrees, or a limit that means none. No joint turns more in 1 s."""
+"""[rad] Largest accepted joint angle, and largest usual joint motion in 1 s. A larger angle is in degrees, or a limit
+that means "no limit"."""
 
 SIX_TURNS = 3 * TWO_TURNS
-"""[rad/s] A larger speed is in degrees a second; no person and no arm with a maker's limits turns faster."""
+"""[rad/s] Largest accepted joint speed: human joints and arms within their makers' limits are slower. A larger speed is
+in degrees per second."""
 
 
 class DH(NamedTuple):

@@ -1,4 +1,4 @@
-"""Drives of a base: the chassis motions that they allow, and the wheel speeds for them."""
+"""Drives of a mobile base: the chassis motions that they allow, and the wheel speeds of these motions."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ChassisMotion(NamedTuple):
 
 
 class Drive(ABC):
-    """Constraints on a chassis' twist in its own frame: forward [m/s], left [m/s], turn [rad/s].
+    """A drive's constraints on the chassis twist in the chassis frame: forward [m/s], left [m/s], turn [rad/s].
 
     `moving` lists the components that the drive allows, `rolling` maps the twist to wheel speeds, and `limit` bounds
     these. Velocity and acceleration limits of the chassis itself belong to the chain.
@@ -73,7 +73,10 @@ class Drive(ABC):
 
     @property
     def rims(self) -> tuple[Array, Array]:
-        """Matrix (r, 3) from chassis twist to rim speeds, and limits (r,) [m/s]; r = 0 without a wheel limit."""
+        """Two results: matrix (r, 3) from chassis twist to rim speeds, and limits (r,) [m/s] of the rim speeds.
+
+        Without a limit of the wheels, r is 0.
+        """
         rows = self.rolling if self.limit < math.inf else np.zeros((0, 3))
         return self.radius * rows, np.full(len(rows), self.radius * self.limit if len(rows) else 0.0)
 
@@ -87,10 +90,10 @@ class Drive(ABC):
 
     @classmethod
     def constraints(cls, q: ArrayLike) -> Array:
-        """(c, n) constraint matrix at joint values q (n,); q[:3] is the chassis' position and heading in the world.
+        """(c, n) constraint matrix at joint values q (n,); q[:3] are position and heading of the chassis in the world.
 
-        Its product with the joint velocities must be zero: this product is minus the chassis speeds that the drive does
-        not allow. For two wheels on one axle the matrix is the row of Eq. (4), Honzik.
+        The constraint is that this matrix times the joint velocities is zero. The product is minus the chassis speeds
+        that the drive does not allow. For two wheels on one axle the matrix is the row of Eq. (4), Honzik.
         """
         joints = np.asarray(q, dtype=np.float64)
         cos, sin = np.cos(joints[2]), np.sin(joints[2])
@@ -140,9 +143,9 @@ class Fixed(Drive):
 class Mecanum(Drive):
     """Mecanum wheels in the X arrangement: 1 front right, 2 front left, 3 rear left, 4 rear right.
 
-    Eq. (2), Honzik, has x to the right and y forward, so its input is (-v_left, v_forward). a + b in Eq. (2) is half
-    the gauge plus half the base: with the whole lengths of the paper's text, the chair would turn twice as fast as
-    commanded. A positive speed rolls the wheel forward.
+    Eq. (2), Honzik, has x to the right and y forward, so its input is (-v_left, v_forward). a + b in Eq. (2) must be
+    half the gauge plus half the wheelbase. With the full lengths, as in the paper's text, the chair would turn twice as
+    fast as commanded. A positive speed rolls the wheel forward.
 
     Parameters
     ----------
@@ -182,7 +185,9 @@ class Mecanum(Drive):
 
 @dataclass(frozen=True)
 class Differential(Drive):
-    """Driven wheels 1 right and 2 left of the chassis' origin, with castors. Positive speeds roll forward.
+    """Two driven wheels and castors; positive wheel speeds roll forward.
+
+    Wheel 1 is right and wheel 2 left of the chassis origin.
 
     Parameters
     ----------
@@ -210,7 +215,7 @@ class Differential(Drive):
         return np.array([[1.0, 0.0, self.half_gauge], [1.0, 0.0, -self.half_gauge]]) / self.radius
 
     def slip(self, twist: ArrayLike) -> float:
-        """[m/s] speed to the left, which rolling wheels do not allow: minus the row of Eq. (4), Honzik."""
+        """[m/s] leftward speed of a twist (3,), which rolling wheels do not allow: Eq. (4), Honzik, times -1."""
         return float(per_joint("twist", twist, 3)[1])
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:

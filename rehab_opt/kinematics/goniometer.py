@@ -1,4 +1,4 @@
-"""Ranges of motion as a goniometer measures them, to and from the joints of `human_arm`.
+"""Convert ranges of motion between a goniometer's angles and the joints of `human_arm`.
 
 Names, zeros and signs are those of the neutral zero method of the American Academy of Orthopaedic Surgeons ("Joint
 Motion: Method of Measuring and Recording", 1965): the arm hangs beside the trunk, elbow straight, thumb forward, hand
@@ -6,7 +6,8 @@ in line with the forearm; each movement is measured alone, all others at zero. A
 its name, so a range is `(-extension, flexion)`; left and right arms use the same signs. The conversion is exact for one
 movement at a time. Combined angles of the shoulder and wrist follow the joint order of Table I, Rossa et al. Combined
 wrist ranges are therefore right only while the forearm is near mid-position (thumb up), as on a vertical handle.
-`rehab_opt.workspace.clinical_angles` has ISB's angles of postures (Wu et al., J. Biomech. 38(5), 2005).
+`rehab_opt.workspace.clinical_angles` computes the joint angles of the ISB standard (Wu et al., J. Biomech. 38(5),
+2005).
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ and joint 6 deviates it. Positive joint 5 flexes the elbow, and positive joint 8
 
 
 def arm_range_of_motion(goniometer: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
-    """(lower, upper) [rad] by joint for `human_arm(range_of_motion=...)` from measured ranges.
+    """Convert measured ranges to (lower, upper) [rad] by joint name, for `human_arm(range_of_motion=...)`.
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def arm_range_of_motion(goniometer: Mapping[str, Sequence[float]]) -> dict[str, 
 
 
 def goniometer_range(range_of_motion: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
-    """(lower, upper) [rad] by name of `GONIOMETER` from ranges by joint; inverse of `arm_range_of_motion`.
+    """Convert ranges of joints to (lower, upper) [rad] by name of `GONIOMETER`; inverse of `arm_range_of_motion`.
 
     Parameters
     ----------

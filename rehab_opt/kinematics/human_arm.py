@@ -39,7 +39,7 @@ ARM_REST.flags.writeable = False
 ARM_SEGMENTS: Mapping[str, float] = MappingProxyType(
     {"acromiohumeral": 0.130, "humerus": 0.290, "forearm": 0.300, "hand": 0.070}
 )
-"""[m] l0 to l3 of the participant (II-D)."""
+"""[m] Segment lengths l0 to l3 of the paper's participant (section II-D)."""
 
 # Table I as printed, except joint 7's regular limits, which are printed in reverse order (-30, -45). All are absolute
 # angles except joint 1's: these are offsets from its rest of 180 deg, since otherwise the handle is never vertical.
@@ -57,9 +57,10 @@ RANGES_OF_MOTION_DEG: Mapping[str, Mapping[str, tuple[float, float]]] = MappingP
         )
     }
 )
-"""[deg] the participant's ranges by anatomical name; scapular_retraction relative to its rest.
+"""[deg] The participant's ranges of motion by anatomical name; scapular_retraction is relative to its rest angle.
 
-"regular" is W_r of the paper. W_c has two readings: "restricted" is Table I, "figure_3" the caption of Fig. 3.
+"regular" gives the paper's regular workspace W_r. The paper describes the comfortable workspace W_c in two ways:
+"restricted" is that of Table I, "figure_3" that of the caption of Fig. 3.
 """
 
 ARM_VELOCITY = 3.0

@@ -27,7 +27,10 @@ def rod(mass: float, along: ArrayLike, radius: float) -> Array:
 
 
 def inertia_expression(chain: SerialChain, bodies: Sequence[Body], rotors: Array, q: ca.SX) -> ca.SX:
-    """(n, n) inertia matrix W: kinetic energy q'^T W q' / 2 [J]; sum of m Jv'Jv + Jw' I Jw, plus rotors.
+    """(n, n) expression of the inertia matrix W; the kinetic energy is v^T W v / 2 [J] at joint velocities v.
+
+    W is the sum of m Jv^T Jv + Jw^T I Jw over the bodies (mass m, inertia I), plus `rotors` on the diagonal. Jv and Jw
+    are the linear and angular Jacobians of a body's centre of mass.
 
     `rotors` (n,) is the inertia that motors and gears add at each joint [kg m^2 or kg].
     """

@@ -3,7 +3,9 @@
 Denavit-Hartenberg rows (`DH`) and the origins and axes of robot files are two ways to write the fixed transform:
 
     DH          Rz(theta) Tz(d) Tx(a) Rx(alpha), applied after the joint's motion
-    origins     Z' O Z+, with O the next joint's origin in this joint's frame; Z and Z+ turn z to the two joints' axes
+    origins     Z^T O Z+, where O is the pose of the next joint's origin in this joint's frame
+
+The rotations Z and Z+ turn the z axis to the axes of this joint and of the next one.
 """
 
 from __future__ import annotations

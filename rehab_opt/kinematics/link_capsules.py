@@ -29,14 +29,15 @@ class LinkCapsule(NamedTuple):
 
     name: str
     frame: int
-    """0 is the base frame, i the frame after row i, n + 1 the tool's: the order of `frames_expression`."""
+    """Number of the frame in `frames_expression`: 0 is the base frame, i the frame after row i, n + 1 the tool
+    frame."""
     start: tuple[float, float, float]
     end: tuple[float, float, float]
     radius: float
 
 
 class CapsuleOnLink(NamedTuple):
-    """All points within `radius` [m] of the segment from `start` to `end` (3,), in the file's link frame."""
+    """All points within `radius` [m] of the segment from `start` to `end` (3,) [m], in a link frame of a robot file."""
 
     link: str
     start: tuple[float, float, float]

@@ -1,9 +1,9 @@
-"""The smooth path of a hand from samples of a tracker that are repeated, rounded or noisy.
+"""Reconstruct the smooth path of a hand from tracker samples that are repeated, rounded or noisy.
 
-A sample that a tracker repeats until the next one looks like a stop and a jump. Rounding, stamps that jitter, and a
-tracker faster than its logger look like small jumps. All have third differences a thousand times those of a hand.
-Repeated samples are dropped. A rounded or noisy path is replaced by the path of least jerk near its samples (Whittaker
-1923, with third divided differences).
+A sample that a tracker repeats until the next one looks like a stop and a jump. Rounding, jitter of the time stamps,
+and a tracker faster than its logger look like small jumps. All these errors have third differences a thousand times
+larger than those of a hand's motion. Repeated samples are dropped. A rounded or noisy path is replaced by the path of
+least jerk near its samples (Whittaker 1923, with third divided differences).
 """
 
 from __future__ import annotations
@@ -19,35 +19,38 @@ __all__ = ["MeasuredPath", "measured_path"]
 Array = NDArray[np.float64]
 
 HELD, OFTEN, SHORT = 0.2, 3, 10
-"""Longest repetition of a sample, in seconds and in rows above the usual number; a longer one is a pause. `SHORT` is
-the percentile of the rows per sample that counts as usual, because a slow hand with coarse rounding repeats, too."""
+"""If a sample repeats for longer than `HELD` [s], or for more than `OFTEN` rows above the usual number, the hand
+pauses. The usual number of rows is percentile `SHORT`, because samples of a slow hand with coarse rounding repeat,
+too."""
 GOES_ON, SLOW = 1.5, 0.1
-"""A hand moved between two samples if they are further apart than these rounding steps and this fraction of the usual
-distance."""
+"""The hand moved between two samples if their distance exceeds `GOES_ON` rounding steps. Without rounding, it must
+exceed the fraction `SLOW` of the median distance."""
 SMOOTHED = 9
 """Width, in samples, of the moving average of sample times, applied twice."""
 FEWEST_DISTINCT = 4
 """Least number of samples that differ from the one before."""
 FEWEST, DITHERS, MANY, SMALL, NEAR = 12, 0.1, 25, 4.0, 0.75
-"""A rounding step is accepted for an axis with at least `FEWEST` values, if more than `DITHERS` of its moves have
-nonzero third differences, and if percentile `MANY` of these is at most `SMALL` steps. The path stays within `NEAR`
-steps of its samples."""
+"""A coordinate is rounded if it has at least `FEWEST` different values, if more than the fraction `DITHERS` of its
+changes have nonzero third differences, and if percentile `MANY` of these is at most `SMALL` rounding steps. The path
+stays within `NEAR` steps of its samples."""
 EXACT, FINEST = 1e-3, 1e-5
-"""Tolerance of a multiple of a step, as a fraction of the step; smallest step, as a fraction of the largest value, and
-smallest noise, as a fraction of the range."""
+"""`EXACT` is the tolerance of a multiple of a rounding step, as a fraction of the step. `FINEST` is the smallest step,
+as a fraction of the largest value, and the smallest noise, as a fraction of the range."""
 NOISY, WHITE, BAND = (4, 6), 0.5, 4.0
-"""Orders of the differences that show noise; least ratio of these differences, which is 1 for white noise and below 1/2
-for motion slower than a quarter of the sampling rate; number of standard deviations within which the path stays."""
+"""`NOISY` are the orders of the two differences that show noise. `WHITE` is the least ratio of the second to the first;
+it is 1 for white noise and below 1/2 for motion slower than a quarter of the sampling rate. The path stays within
+`BAND` standard deviations of its samples."""
 LOST = (2.0, 1.6, 2.7), (0.5, 0.37, 0.62)
-"""Samples in a step over those in the steps beside it; least and largest ratio of the speeds that shows it."""
+"""Two cases (factor, least, largest). If the ratio of a step's speed to the speed beside it is between least and
+largest, its duration is multiplied by the factor."""
 STEADIER = 3.0
-"""Factor by which the tracker's own clock must be steadier."""
+"""Corrected times are used if they reduce the changes of velocity by this factor."""
 AROUND, OFTEN_SEEN, DEVIATIONS = 41, 80, 1.2816
-"""Number of samples around a sample that show its noise; their percentile, because a few corners are not noise; value
-of this percentile for a normal distribution."""
+"""`AROUND` is the number of samples in the window that shows a sample's noise. `OFTEN_SEEN` is the percentile taken in
+it, because a few corners are not noise. `DEVIATIONS` is this percentile of |x| for a standard normal x."""
 STIFFER, STIFFEST, BESIDE, PASSES = 3.0, 1e9, 9, 80
-"""Factor on the weight of samples outside the band, largest weight, number of neighbours that get it, largest number of
-passes."""
+"""In each pass, the weight of samples outside the band grows by the factor `STIFFER`, at most to `STIFFEST`. `BESIDE`
+is the width of the window of samples that get it, and `PASSES` the largest number of passes."""
 
 
 class MeasuredPath(NamedTuple):
@@ -62,9 +65,9 @@ class MeasuredPath(NamedTuple):
 
 
 def measured_path(times: Array, points: Array) -> MeasuredPath:
-    """Path behind points (N, n) at times (N,) [s]; unchanged if no sample was held, repeated, rounded or noisy.
+    """Smooth path through points (N, n) at times (N,) [s]; unchanged if no sample is repeated, rounded or noisy.
 
-    The first and last points, and pauses of more than 0.2 s, stay.
+    The first and last points, and pauses of more than 0.2 s, are kept.
     """
     begins = np.append(0, 1 + np.flatnonzero((np.diff(points, axis=0) != 0).any(axis=1)))
     if len(begins) < FEWEST_DISTINCT:
@@ -111,7 +114,7 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
 
 
 def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
-    """Times (M,) of points (M, n) at rows (M,): the given ones or, if they fit better, those of a steady clock."""
+    """(M,) [s] times of the points (M, n) in `rows` (M,): the logged ones or, if smoother, those of a steady clock."""
     own, even = times[rows], _averaged(rows.astype(np.float64))
     if np.abs(even - rows).max() > np.diff(rows, prepend=-1).min() + 0.5:
         return own
@@ -120,9 +123,9 @@ def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
 
 
 def _faster(times: Array, points: Array) -> Array:
-    """Corrected times (N,) of a tracker faster than its logger, which loses samples, if these times fit better.
+    """Times (N,) [s], corrected for samples that a slow logger lost, if the motion then is much steadier.
 
-    If a step is twice as fast as the steps beside it, it took two samples. The first and the last time stay.
+    If a step is twice as fast as the steps beside it, it spans two samples. The first and the last time are kept.
     """
     if len(times) < AROUND:
         return times
@@ -141,7 +144,7 @@ def _faster(times: Array, points: Array) -> Array:
 
 
 def _averaged(counts: Array) -> Array:
-    """Row numbers (K,) of samples, smoothed to a steady clock; the ends stay."""
+    """Row numbers (K,) of samples, smoothed to a steady clock; the first and last are kept."""
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  (loaded when used)
 
     steps = uniform_filter1d(uniform_filter1d(np.diff(counts), SMOOTHED, mode="nearest"), SMOOTHED, mode="nearest")
@@ -150,7 +153,7 @@ def _averaged(counts: Array) -> Array:
 
 
 def _unsteady(times: Array, points: Array) -> float:
-    """Sum of the squares of the changes of velocity, infinite if times do not increase."""
+    """Sum of the squared changes of velocity; infinite if the times do not increase."""
     steps = np.diff(times)
     if not np.all(steps > 0.0):
         return np.inf
@@ -158,7 +161,7 @@ def _unsteady(times: Array, points: Array) -> float:
 
 
 def _roundings(points: Array) -> Array:
-    """(n,) rounding steps of axes (N, n); 0 for an axis without an important one."""
+    """(n,) rounding step of each column of points (N, n); 0 if it is negligible."""
     steps = [_rounding(axis) for axis in points.T]
     for i, axis in enumerate(points.T):  # an axis that hardly moves does not show its step alone
         steps[i] = steps[i] or max((each for each in steps if each and not _off(axis - axis[0], each)), default=0.0)
@@ -190,7 +193,7 @@ def _off(ways: Array, step: float) -> bool:
 
 
 def _noise(times: Array, points: Array) -> Array:
-    """(N, n) standard deviation of the noise of points (N, n); 0 if it is not important.
+    """(N, n) standard deviation of the noise of points (N, n); 0 if it is negligible.
 
     It is the size of the points' divided differences, scaled so that white noise gives its standard deviation.
     """

@@ -36,11 +36,11 @@ Array = NDArray[np.float64]
 CHAIR = 3
 """Number of the chair's joints: forward, left, turn. The arm's joints follow."""
 MIN_JOINTS = 4
-"""Least number of joints of an arm: three place the hand, one turns it."""
+"""Least number of joints of an arm: three for the hand's position, one for its rotation."""
 SATURATED = 1.5
 """Fraction of its half range beyond which a joint's posture cost grows linearly."""
 FLAT = 1e-6
-"""Fraction of reach^3 below which a hand volume counts as zero; rounding would shake planar arms."""
+"""Fraction of reach^3 below which `hand_volume` counts as zero; otherwise rounding errors would shake planar arms."""
 
 
 class Outline(NamedTuple):
@@ -59,11 +59,12 @@ class Outline(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MobileArm(HasEvaluator):
-    """Chair forward q1 and left q2 [m] in the world, turn q3, and an arm of at least four joints q4 to qn [rad].
+    """A chair at q1 (forward) and q2 (left) [m], turned by q3 [rad], with an arm of four or more joints q4 to qn [rad].
 
     World and chassis frames have x forward, y left, z up, the floor at z = 0; at q = 0 they coincide. The norm of the
     speeds of q1 and q2 is bounded, so the chain's first two velocity limits are equal. Acceleration limits of the chair
-    are in the chassis frame. Positions of the chair are unbounded: use obstacles. Immutable; any thread may use it.
+    are in the chassis frame. The chair's position has no limits; obstacles can bound it. Immutable; any thread may use
+    it.
 
     Parameters
     ----------
@@ -74,8 +75,9 @@ class MobileArm(HasEvaluator):
     keep_out : shapes of chair and user, which the arm must not enter.
     arm_radius : [m] radius of capsules from joint to joint, for a chain without capsules.
     limit_cost, singular_cost : weights of the terms of `posture_cost`.
-    hand_volume : [m^3] largest volume of hand velocities at unit joint speeds of the arm; computed by default. If the
-        arm cannot move its hand in every direction, it is 0, and `posture_cost` has only the terms of joint limits.
+    hand_volume : [m^3] largest sqrt(det(J J^T)), where J is the hand's linear Jacobian for the arm's joints; computed
+        by default. If the arm cannot move its hand in every direction, it is 0, and `posture_cost` has only the terms
+        of joint limits.
 
     Raises
     ------
@@ -137,7 +139,7 @@ class MobileArm(HasEvaluator):
     # ------------------------------------------------------------------------------------------------ numbers
     @property
     def mass(self) -> float:
-        """[kg] of everything."""
+        """[kg] total mass of the bodies."""
         return float(sum(body.mass for body in self.bodies))
 
     def inertia(self, q: ArrayLike) -> Array:
@@ -153,15 +155,15 @@ class MobileArm(HasEvaluator):
         return self._evaluate(self.posture_gradient_expression, q)
 
     def chassis_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """(n,) joint velocities with the chair's in the chassis frame: forward, left, turn, arm."""
+        """(n,) joint velocities (forward, left, turn, arm); the chair's are rotated from world to chassis frame."""
         return self._turned(q, velocity, -1.0)
 
     def world_velocity(self, q: ArrayLike, velocity: ArrayLike) -> Array:
-        """(n,) joint velocities in the world frame from those of `chassis_velocity`."""
+        """(n,) joint velocities; the chair's are rotated from chassis to world frame."""
         return self._turned(q, velocity, 1.0)
 
     def drive(self, name: str) -> Drive:
-        """The base's drive by its name, one of `DRIVES`.
+        """The drive with this name, one of `DRIVES`.
 
         Raises
         ------
@@ -190,7 +192,7 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def bodied_chain(self) -> SerialChain:
-        """The chain with capsules of the arm (its own, or those of `links`) and of the column below the arm."""
+        """The chain with capsules: its own or, if it has none, those of the arm's `links` and of the column below."""
         chain = self.chain
         if chain.capsules:
             return chain
@@ -199,7 +201,7 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def reach(self) -> float:
-        """[m] upper bound of the distance of a point of the arm from the axis of any of its joints."""
+        """[m] upper bound of the distance between any joint axis of the arm and any point of its links or tool."""
         return arm_reach(self.chain, self.links, first=CHAIR)
 
     # -------------------------------------------------------------------------------------------- expressions
@@ -208,11 +210,11 @@ class MobileArm(HasEvaluator):
         return inertia_expression(self.chain, self.bodies, self.rotors, q)
 
     def posture_cost_expression(self, q: ca.SX) -> ca.SX:
-        """Sum over the arm of x^4/4, with x in [-1, 1] the position in a joint's range, plus (1 - m)^2/2.
+        """`limit_cost` times the sum of x^4/4 over the arm's joints, plus `singular_cost` times (1 - m)^2/2.
 
-        m is the squared volume of hand velocities at unit speeds of the arm's joints, as a fraction of its largest
-        value; m is zero if the arm alone cannot move its hand in every direction. Beyond `SATURATED`, x^4/4 continues
-        linearly. A joint without limits costs nothing.
+        x in [-1, 1] is a joint's position in its range; beyond `SATURATED`, x^4/4 continues linearly. A joint without
+        limits costs nothing. m is det(J J^T) as a fraction of its largest value, where J is the hand's linear Jacobian
+        for the arm's joints. If the arm alone cannot move its hand in every direction, the term of m is left out.
         """
         chain = self.chain
         cost = ca.SX(0)

@@ -1,8 +1,8 @@
 """Detect values in wrong units: one rule for lengths, speeds and angles of all controllers.
 
 A length in millimetres is a thousand times too large, an angle in degrees 57 times. A length is compared with the
-robot's reach, a speed with the largest that its joints can cause, and a joint angle with two turns. The limits are
-wide: the robot cannot move as a rejected value says.
+robot's reach, a speed with the largest hand speed that its joints allow, and a joint angle with two turns. The limits
+are wide: the robot cannot perform the motion of a rejected value.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ __all__ = [
 LINEAR = ("x", "y", "z")
 
 ROOM = 20.0
-"""[m] largest coordinate of a hand if no robot is known."""
+"""[m] Largest accepted coordinate of a hand position if no robot is known."""
 FAR, NEAR = 10.0, 1.0
 """Largest accepted length: `FAR` times the robot's reach, but at least `NEAR` [m]."""
 FAST, WHIRL = 10.0, SIX_TURNS
 """[m/s, rad/s] Largest accepted hand speeds, unless the robot's joints are faster."""
 BEYOND = 3.0
-"""Ratio of a reference's speed to the fastest hand motion, beyond which the reference is invalid; up to this ratio the
+"""Ratio of a reference's speed to the fastest hand motion. Above this ratio the reference is invalid; up to it the
 reference is slowed down."""
 SIGHT = 100.0
-"""[m] Farthest moving body."""
+"""[m] Largest accepted coordinate of a moving capsule."""
 
 
 def farthest(chain: SerialChain) -> float:
@@ -51,7 +51,7 @@ def fastest(chain: SerialChain) -> tuple[float, float]:
 
 
 def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.SX], rows: Sequence[str]) -> ca.SX:
-    """Two flags: whether a pose (16,), row by row, is too far away, and whether a twist (k,) or a body is too large.
+    """Two flags: a pose (16,), row by row, is too far away; the values of a twist (k,) or of an obstacle are too large.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Rigid transforms: check a caller's transform, correct a rounded one, and expressions."""
+"""Rigid transforms: check them, correct rounded ones, and build their expressions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = [
 Array = NDArray[np.float64]
 
 EXACT = 1e-9
-"""Largest entry of R R' - I of an exact rotation, and largest error of a unit length."""
+"""Tolerance of an exact transform, for the entries of R R^T - I and for unit lengths."""
 ROUNDED = 1e-3
-"""Largest entry of R R' - I, and largest error of a unit length, that count as rounding."""
+"""The same tolerance for a transform whose numbers were rounded."""
 ROTATION_TOLERANCE = 1e-3
-"""Tolerance of a measured rotation: norm of the errors of its six dot products of axes."""
+"""Tolerance of a measured rotation, for the norm of the errors in the six dot products of its axes."""
 
 
 def rigid(argument: str, value: ArrayLike) -> Array:
@@ -37,7 +37,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
 
 
 def nearest_rigid(argument: str, value: ArrayLike) -> tuple[Array, str]:
-    """The rigid transform (4, 4) nearest to `value`, read-only, and a note if rounded numbers were corrected.
+    """Two results: the rigid transform (4, 4) nearest to `value`, read-only, and a note if rounding was corrected.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def inverse_pose(pose: Array) -> Array:
 
 
 def _pose(argument: str, value: ArrayLike) -> tuple[Array, float]:
-    """`value` as a read-only, right-handed (4, 4), and the largest entry of R R' - I."""
+    """Two results: `value` as a read-only, right-handed (4, 4) array, and the largest entry of R R^T - I."""
     expected = "a (4, 4) rigid transform"
     pose = np.array(checked_array(argument, value, expected))
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)) or not np.array_equal(pose[3], (0, 0, 0, 1)):
@@ -79,8 +79,8 @@ def _pose(argument: str, value: ArrayLike) -> tuple[Array, float]:
 def rotation_vector(rotation: ca.SX) -> ca.SX:
     """(3,) axis times angle [rad], angle in [0, pi], of a rotation matrix (3, 3); accurate on all of [0, pi].
 
-    With c and s the cosine and sine of the angle, R - R' gives s times the axis, which vanishes near pi. There the axis
-    comes from (R + R')/2 - c I = (1 - c) axis axis'.
+    Let c and s be cosine and sine of the angle. R - R^T gives s times the axis, which vanishes near pi. There the axis
+    comes from (R + R^T)/2 - c I = (1 - c) axis axis^T.
     """
     r = rotation
     cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1)

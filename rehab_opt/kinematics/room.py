@@ -32,16 +32,16 @@ ARM_RADII = (0.06, 0.05, 0.045)
 
 
 class KeepOut(NamedTuple):
-    """Half-space that the arm stays out of, on the side of a plane opposite to its normal."""
+    """A half-space that the arm must not enter: its boundary plane's normal points to the allowed side."""
 
     normal: tuple[float, float, float]
     """Unit normal in the base frame, towards the allowed side."""
     offset: float
-    """[m] plane offset: normal . x = offset for its points x."""
+    """[m] The points x of the boundary plane satisfy normal . x = offset."""
 
     @classmethod
     def through(cls, point: ArrayLike, normal: ArrayLike) -> KeepOut:
-        """The plane through `point` (3,) [m] that keeps the arm on the side of `normal` (3,), of any length.
+        """The plane through `point` (3,) [m]; `normal` (3,), of any length, points to the allowed side.
 
         Raises
         ------
@@ -58,15 +58,15 @@ class KeepOut(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Box at rest."""
+    """A box that does not move."""
 
     name: str
     centre: tuple[float, float, float]
-    """(3,) [m] in the base frame."""
+    """(3,) position of the centre in the base frame [m]."""
     size: tuple[float, float, float]
-    """(3,) [m] along its axes."""
+    """(3,) lengths of the box along its axes [m]."""
     turn: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    """(3, 3) rotation from its axes to the base frame's."""
+    """(3, 3) rotation from the axes of the box to those of the base frame."""
 
     @classmethod
     def at(cls, name: str, pose: ArrayLike, size: ArrayLike) -> Box:
@@ -85,7 +85,7 @@ class Box(NamedTuple):
 
 
 class MovingCapsule(NamedTuple):
-    """Moving capsule in the base frame, set again in each tick."""
+    """A moving capsule in the base frame, given anew in each tick."""
 
     start: ArrayLike
     """(3,) [m]"""
@@ -100,7 +100,7 @@ class MovingCapsule(NamedTuple):
 
 
 def moving_numbers(obstacles: Sequence[MovingCapsule] | Array, count: int, argument: str = "obstacles") -> Array:
-    """(count, 14) moving capsules as inputs of a tick, see `MOVING`; unused rows are zero.
+    """Array (count, 14) of moving capsules as inputs of a tick: see `MOVING`; unused rows are zero.
 
     Raises
     ------

@@ -29,7 +29,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 COLLINEAR = 1e-3
-"""Ratio of the points' second extent to their first, below which they count as collinear."""
+"""Points count as collinear if their second largest extent is below this fraction of the largest."""
 
 
 def robot_from_unity(positions: ArrayLike, quaternions: ArrayLike) -> tuple[Array, Array]:
@@ -49,9 +49,9 @@ class FrameFit(NamedTuple):
     """Pose of one frame in another, fitted to corresponding points."""
 
     pose: Array
-    """(4, 4) of the source frame in the target frame."""
+    """(4, 4) pose of the source frame in the target frame."""
     scale: float
-    """Target lengths over source lengths; 1 unless it is fitted."""
+    """Ratio of target lengths to source lengths; 1 unless `fit_frame` fits it."""
     residuals: Array
     """(N,) [m] distance of each transformed point from its partner."""
 
@@ -107,9 +107,10 @@ def fit_frame(source: ArrayLike, target: ArrayLike, *, scale: bool = False) -> F
 class Mirror:
     """Mirror in a plane: the patient's sagittal plane, as a rule.
 
-    p' = M p about a point of the plane, R' = M R M_b, with M = I - 2 n n' and the plane's unit normal n. M_b reverses
-    the axis of the hand frame that points across the hand. This axis depends on the tracker, so it has no default; with
-    M R M the mirrored fingers of many trackers would point backwards.
+    A mirrored position is p' = M p, about a point of the plane, and a mirrored rotation R' = M R M_b. M is I - 2 n n^T,
+    where n is the plane's unit normal. M_b reverses the axis of the hand frame that points across the hand. This axis
+    depends on the tracker, so it has no default; with M R M the mirrored fingers of many trackers would point
+    backwards.
     """
 
     point: tuple[float, float, float]

@@ -4,7 +4,7 @@
     velocity = hand_velocity(even.points, even.rate_hz)
     spectral_arc_length(np.linalg.norm(velocity, axis=1), even.rate_hz)
 
-`score` computes all measures of one trial; `rehab-opt score RECORDING` those of the trials of recordings. Each
+`score` computes all measures of one trial, and `rehab-opt score RECORDING` those of every trial in a recording. Each
 docstring states paper, unit and formula; docs/capabilities/scoring.md states the effect of noise and slow sampling.
 Data that cannot be measured (not finite, too few samples, no movement) raise `ConfigurationError`.
 """

@@ -1,4 +1,4 @@
-"""A hand along a path: nearest points, and an ordered assignment of path points for coverage and deviation.
+"""Coverage of a path by a hand, and the hand's deviation from it: by nearest points or by points assigned in order.
 
 On a path that crosses itself, the nearest point does not show that the hand left out a loop. The ordered assignment
 shows it, because its points never go backwards along the path.
@@ -27,7 +27,7 @@ class Projection(NamedTuple):
     tangent: Array
     """(N, 2) unit vector along the path at the nearest point, towards the end; zero if the path is a point."""
     length: float
-    """[m] of the whole path."""
+    """[m] length of the whole path."""
 
 
 def projected(points: Array, path: Array) -> Projection:
@@ -51,17 +51,17 @@ def projected(points: Array, path: Array) -> Projection:
 
 
 SAMPLES = 3000
-"""Largest number of samples of a trial, evenly in time."""
+"""Largest number of a trial's samples that are used, evenly spaced in time."""
 PIECES = 1000
 """Number of pieces of a path, of equal lengths."""
 
 
 def covered_in_order(position: Array, path: Array, *, within: float, jump: float) -> float:
-    """Fraction of a path (M, 2) [m] that a hand (N, 2) [m] covered in order.
+    """Fraction of a path (M, 2) [m] that hand positions (N, 2) [m] covered in order.
 
     Path points are assigned to the hand's samples in order, each at most `within` [m] from the hand. The result is the
-    largest length that such an assignment covers. A piece longer than `jump` [m] between two successive points does not
-    count.
+    largest length that such an assignment covers, as a fraction of the path's length. A piece of path longer than
+    `jump` [m] between two successive assigned points does not count.
     """
     places, piece = _evenly(path)
     reach = max(1, math.ceil(jump / piece)) if piece > 0 else 1
@@ -88,7 +88,7 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
 
 
 def deviation_in_order(position: Array, path: Array) -> Array:
-    """(N,) [m] distances of a hand (N, 2) [m] from its assigned points on a path (M, 2) [m].
+    """(N,) [m] distances between hand positions (N, 2) [m] and the points of a path (M, 2) [m] assigned to them.
 
     The assigned points start at the path's start, never go backwards, and have the least sum of squared distances.
     """
@@ -114,7 +114,7 @@ def deviation_in_order(position: Array, path: Array) -> Array:
 
 
 def _squared_distances(hands: Array, places: Array) -> Array:
-    """(N, M) [m^2] of hands (N, 2) from places (M, 2)."""
+    """(N, M) [m^2] squared distances between hand positions (N, 2) and path points (M, 2)."""
     x, y = (np.subtract.outer(hands[:, axis], places[:, axis]) for axis in (0, 1))
     x *= x
     y *= y
@@ -127,7 +127,7 @@ def _stride(position: Array) -> int:
 
 
 def _evenly(path: Array) -> tuple[Array, float]:
-    """Evenly spaced points along a path, and their spacing [m]."""
+    """Two results: evenly spaced points along a path, and their spacing [m]."""
     travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     along = np.linspace(0.0, travelled[-1], PIECES + 1)
     places = np.column_stack([np.interp(along, travelled, path[:, axis]) for axis in (0, 1)])

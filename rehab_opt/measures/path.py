@@ -29,7 +29,7 @@ def path_length(points: ArrayLike) -> float:
 
 
 def path_ratio(points: ArrayLike, reference: ArrayLike | None = None) -> float:
-    """Length of the path over that of the reference (M, d) [m], by default the line from its start to its end.
+    """Path length over the length of a reference (M, d) [m], by default the straight line from start to end.
 
     Index of curvature: Cirstea and Levin, "Compensatory strategies for reaching in stroke", Brain 123(5), 2000. No
     unit: 1 is a straight line, pi/2 a half circle. NaN if the path ends where it begins or the reference has no length:
@@ -41,7 +41,7 @@ def path_ratio(points: ArrayLike, reference: ArrayLike | None = None) -> float:
 
 
 def end_error(points: ArrayLike, target: ArrayLike) -> float:
-    """Distance [m] of the last of points (N, d) [m] from the target (d,) [m].
+    """Distance [m] between the last of the points (N, d) [m] and the target (d,) [m].
 
     Accuracy: Schwarz et al., Stroke 50(3), 2019.
     """
@@ -52,7 +52,7 @@ def end_error(points: ArrayLike, target: ArrayLike) -> float:
 
 
 def range_used(values: ArrayLike) -> Array:
-    """(d,) largest minus smallest of values (N, d), or (N,): extents of points [m], ranges of joints [rad].
+    """(d,) largest minus smallest value in each column of values (N, d) or (N,): an extent [m] or a joint range [rad].
 
     This is the range used, not the range possible.
     """
@@ -60,7 +60,7 @@ def range_used(values: ArrayLike) -> Array:
 
 
 def workspace_used(points: ArrayLike) -> float:
-    """Area [m^2] of the convex hull of points (N, 2) [m], or volume [m^3] of that of points (N, 3).
+    """Area [m^2] of the convex hull of points (N, 2) [m], or its volume [m^3] for points (N, 3) [m].
 
     Zero for points on a line, or for (N, 3) points in a plane. Sukal, Ellis, Dewald, "Shoulder abduction-induced
     reductions in reaching work area following hemiparetic stroke", Exp. Brain Res. 183(2), 2007, measure the area that
@@ -78,9 +78,9 @@ def workspace_used(points: ArrayLike) -> float:
 
 
 def path_variability(trials: Sequence[ArrayLike]) -> float:
-    """Root mean square distance [m] of the trials from their mean path, at equal fractions of their time.
+    """Root mean square distance [m] between trials and their mean path, at equal fractions of their durations.
 
-    With p_k(u) the point of trial k, of K, at the fraction u of its own time,
+    Let p_k(u) be the point of trial k, of K trials, at the fraction u of its own duration. The result is
 
         sqrt( mean over u of  sum_k |p_k(u) - mean(u)|^2 / (K - 1) )
 
@@ -89,7 +89,7 @@ def path_variability(trials: Sequence[ArrayLike]) -> float:
 
     Parameters
     ----------
-    trials : K >= 2 of (N_k, d) [m], evenly sampled, N_k >= 2, of any lengths.
+    trials : K >= 2 arrays (N_k, d) [m], evenly sampled, each of any length N_k >= 2.
     """
     fractions = np.linspace(0.0, 1.0, INSTANTS)
     at = [
@@ -110,7 +110,7 @@ def end_variability(trials: Sequence[ArrayLike]) -> float:
 
 
 def _spread(at: Array) -> Array:
-    """(T,) [m^2] of K trials (K, T, d): variance over trials, summed over coordinates."""
+    """(T,) [m^2] variance over K trials (K, T, d) at each instant, summed over the coordinates."""
     return np.asarray(at.var(axis=0, ddof=1).sum(axis=1))
 
 

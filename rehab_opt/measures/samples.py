@@ -1,4 +1,4 @@
-"""Input of measures: checked numbers, even samples, the hand's velocity, and noise."""
+"""Prepare recordings for the measures: check numbers, resample evenly, filter, and estimate noise."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def numbers(argument: str, values: object) -> Array:
-    """`values` as finite float64, at least one; raises `ConfigurationError` with the first bad value."""
+    """`values` as a nonempty array of finite floats; raises `ConfigurationError` with the first bad value."""
     array = checked_array(argument, values, "finite numbers")
     if not array.size:
         raise ConfigurationError(argument, f"shape {array.shape}", "finite numbers, at least one")
@@ -44,7 +44,7 @@ def numbers(argument: str, values: object) -> Array:
 
 
 def milliseconds(*seconds: float) -> str:
-    """Times [s] as text in ms, without repetition: `20 ms`, `20 to 1510 ms`."""
+    """Text of one or two times [s], in ms: `20 ms` if they are equal, or `20 to 1510 ms`."""
     return " to ".join(dict.fromkeys(f"{1e3 * each:{'.3g' if each < 1 else '.0f'}}" for each in seconds)) + " ms"
 
 
@@ -67,13 +67,14 @@ def rows(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
 CUT_OFF_HZ = 10.0
 """[Hz] Default cut-off; voluntary arm movement has lower frequencies."""
 FEWEST = 10
-"""Least number of samples of a measure."""
+"""Least number of samples that a measure needs."""
 MAX_CUT_OFF = 0.4
 """Largest cut-off as a fraction of the rate, so that the corrected cut-off is below half of the rate."""
 SMALLEST_CUT_OFF = 1e-6
 """Smallest cut-off as a fraction of the rate; below it the filter's poles are too near 1 for double precision."""
 ONCE_EACH_WAY = (2**0.5 - 1) ** 0.25
-"""A second-order Butterworth filter run both ways has 3 dB at this fraction of its cut-off (Winter 2009)."""
+"""A second-order Butterworth filter that runs both ways attenuates by 3 dB at this fraction of its cut-off (Winter
+2009)."""
 FREQUENCIES = 2001
 
 
@@ -174,9 +175,9 @@ def hand_velocity(points: ArrayLike, rate_hz: float, *, cutoff_hz: float | None 
 
 
 def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_hz: float) -> float:
-    """Standard deviation [m] of the noise in each coordinate of points (N, d), assumed white.
+    """Standard deviation [m] of the noise in each coordinate of points (N, d); the noise is assumed to be white.
 
-    It is computed from the difference to `smooth` (N, d), the points low-passed at `cutoff_hz`.
+    It is computed from the difference between the points and `smooth` (N, d), the points low-passed at `cutoff_hz`.
     """
     p, s = vectors("points", points), vectors("smooth", smooth)
     if p.shape != s.shape:
@@ -186,9 +187,10 @@ def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_
 
 
 def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None, order: int) -> float:
-    """Standard deviation [m/s^order] of a derivative due to white noise of `noise` [m]; order 1 velocity, 3 jerk.
+    """Standard deviation [m/s^order] that white noise of `noise` [m] causes in a derivative of order 1 or 3 (jerk).
 
-    Derivatives as in `hand_velocity` and `dimensionless_jerk`: a central difference, then second differences.
+    The derivatives are those of `hand_velocity` and `dimensionless_jerk`: a central difference, then second
+    differences.
     """
     passed, angle = passed_by_low_pass(rate_hz, cutoff_hz)
     differences = np.sin(angle) * (2 - 2 * np.cos(angle)) ** ((order - 1) // 2) * positive("rate_hz", rate_hz) ** order
@@ -196,7 +198,10 @@ def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None
 
 
 def passed_by_low_pass(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
-    """Gains of the filter run both ways (1 without a filter) at frequencies [rad/sample] from 0 to half the rate."""
+    """Two results: gains of the filter that runs both ways (1 without a filter), and frequencies [rad/sample].
+
+    The frequencies go from 0 to half of the sampling rate.
+    """
     angle = np.linspace(0.0, np.pi, FREQUENCIES)
     if cutoff_hz is None:
         return np.ones(FREQUENCIES), angle

@@ -41,20 +41,22 @@ __all__ = ["HandMotion", "Measure", "Score", "hand_motion", "score"]
 Array = NDArray[np.float64]
 
 STILL, HURLED = 1e-3, 50.0
-"""[m/s] A hand that is always slower than `STILL` rests. Speeds above `HURLED` for a tenth of the time are in wrong
-units."""
+"""[m/s] A hand that is always slower than `STILL` is at rest. If it is faster than `HURLED` for a tenth of the time,
+the data have wrong units."""
 SURE, NEVER = 4.5, 7.0
-"""Speeds in standard deviations of the noise per coordinate. Of the samples of a resting hand in space, one in 6000
-exceeds the first speed and none the second."""
+"""Speeds as multiples of the standard deviation that noise causes in each coordinate. With a resting hand in space, one
+sample in 6000 exceeds the first speed and none the second."""
 CHANCE = 0.7
-"""Fraction by which the squared jerk of noise varies from second to second."""
+"""If noise explains more than this fraction of the squared jerk, a note says "all", because the jerk of noise
+varies."""
 NORMAL_MEDIAN = 0.6745
 """Median of the magnitude of normal noise over its standard deviation."""
 AXES = "xyz"
 
 
 JERKS = tuple(f"{log}dimensionless_jerk{of}" for of in ("", "_of_speed") for log in ("", "log_"))
-"""Jerk of the velocity, which includes turning, and of the speed, as in Balasubramanian et al. 2015."""
+"""Names of the jerk measures: of the velocity, which includes turning, and of the speed, as in Balasubramanian et al.
+2015."""
 
 
 class Measure(NamedTuple):
@@ -86,7 +88,7 @@ class HandMotion(NamedTuple):
     notes: tuple[str, ...]
 
     def goes(self, part: slice = slice(None)) -> bool:
-        """Whether these samples move further or faster than noise of a resting hand."""
+        """Whether the hand moves further or faster in these samples than a resting hand with noise seems to."""
         far = range_used(self.path[part]).max() > 2 * SURE * self.noise
         return bool(far or self.speed[part].max() > NEVER / SURE * self.shaken)
 
@@ -220,14 +222,14 @@ def hand_motion(
 
 
 def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> float:
-    """[m] Standard deviation of white noise, from the part that the filter removes or from fourth differences."""
+    """[m] Standard deviation of white noise, from what the filter removes (no filter: from fourth differences)."""
     if cutoff is not None:
         return white_noise(points, path, rate, cutoff_hz=cutoff)
     return float(np.median(np.abs(np.diff(points, 4, axis=0)))) / (NORMAL_MEDIAN * math.sqrt(70.0))
 
 
 def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
-    """The speed, with zeros at both ends where it may be noise, because the filter keeps the first and last point."""
+    """The speed, but zero at both ends where it may be noise; there the filter keeps the noise of the end points."""
     passed, _ = passed_by_low_pass(rate, cutoff)
     least = SURE * 2 * noise * rate * float(passed.mean())
     seen = speed.copy()
@@ -238,7 +240,7 @@ def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) 
 
 
 def _between(samples: Array, rate: float, begin: float, end: float, count: int) -> Array:
-    """`count` interpolated samples from begin to end [s]; jerk depends on the cube of the exact duration."""
+    """`count` samples interpolated from `begin` to `end` [s]: jerk depends on the cube of the exact duration."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
 
     return np.asarray(CubicSpline(np.arange(len(samples)) / rate, samples)(np.linspace(begin, end, count)))

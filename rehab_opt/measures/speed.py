@@ -32,7 +32,7 @@ RISE = 0.02
 PADDING = 4
 """Zero padding up to 2^PADDING times the next power of two, for a finely sampled spectrum."""
 THRESHOLD = 0.05
-"""Fraction of the largest amplitude; the spectrum ends at the last frequency that reaches it."""
+"""The spectrum ends at the last frequency whose amplitude reaches this fraction of the largest."""
 FEWEST_JERK = 7
 """Least number of samples of a jerk; a second difference at the ends needs four."""
 
@@ -70,12 +70,12 @@ def peak_speed(velocity: ArrayLike) -> float:
 
 
 def movement_interval(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) -> tuple[float, float]:
-    """Times [s], after the first sample, at which the speed first rises above and last falls below `threshold`.
+    """Start and end [s] of a movement: the speed first rises above `threshold`, and last falls below it.
 
-    `threshold` is a fraction of the peak speed; the times are interpolated between samples. Murphy, Willén,
-    Sunnerhagen, "Kinematic variables quantifying upper-extremity performance after stroke during reaching and drinking
-    from a glass", Neurorehabil. Neural Repair 25(1), 2011, use 2 %; 5 % tolerates more noise. If the array begins or
-    ends above the threshold, the movement starts or ends there.
+    `threshold` is a fraction of the peak speed. The times count from the first sample and are interpolated between
+    samples. Murphy, Willén, Sunnerhagen, "Kinematic variables quantifying upper-extremity performance after stroke
+    during reaching and drinking from a glass", Neurorehabil. Neural Repair 25(1), 2011, use 2 %; 5 % tolerates more
+    noise. If the array begins or ends above the threshold, the movement starts or ends there.
 
     Parameters
     ----------
@@ -97,15 +97,17 @@ def movement_interval(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.
 def movement_time(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) -> float:
     """Time [s] from start to end of the movement, as `movement_interval` finds them.
 
-    For a minimum-jerk reach in time D it is D sqrt(1 - sqrt(threshold)): 0.881 D at 5 %. Noise at rest above the
-    threshold counts as movement; only `score` prevents this.
+    For a minimum-jerk reach of duration D the movement time is D sqrt(1 - sqrt(threshold)): 0.881 D at 5 %. Noise at
+    rest above the threshold counts as movement; only `score` prevents this.
     """
     begin, end = movement_interval(speed, rate_hz, threshold=threshold)
     return end - begin
 
 
 def velocity_peaks(speed: ArrayLike, rate_hz: float, *, rise: float = RISE, apart: float = 0.15) -> int:
-    """Number of speed peaks at least `rise` above the dips beside them and `apart` from higher ones; 1 is ideal.
+    """Number of speed peaks; one is ideal.
+
+    A peak is at least `rise` above the dips beside it, and at least `apart` from any higher peak.
 
     The speed counts as zero outside the array. Source: the movement units of Murphy, Willén, Sunnerhagen 2011 (20 mm/s,
     150 ms). Rohrer et al., "Movement smoothness changes during stroke recovery", J. Neurosci. 22(18), 2002, use peaks
@@ -128,11 +130,11 @@ def velocity_peaks(speed: ArrayLike, rate_hz: float, *, rise: float = RISE, apar
 def spectral_arc_length(speed: ArrayLike, rate_hz: float) -> float:
     """SPARC: minus the arc length of the normalised amplitude spectrum of `speed` (N,), sampled at `rate_hz` [Hz].
 
-    With V(f) the amplitude over its value at f = 0, and f_c the last frequency below 10 Hz with V >= 0.05:
+    Let V(f) be the amplitude divided by its value at f = 0, and f_c the last frequency below 10 Hz with V >= 0.05:
 
         - integral over [0, f_c] of sqrt((1 / f_c)^2 + (dV/df)^2) df
 
-    SPARC has no unit and does not depend on the unit of the speed. If f_c is below 10 Hz, it does not depend on the
+    SPARC has no unit and does not depend on the unit of the speed. If f_c is below 10 Hz, SPARC does not depend on the
     duration either. A single minimum-jerk reach has about -1.4; submovements and tremor make SPARC more negative. NaN
     without motion.
     """
@@ -151,13 +153,14 @@ def spectral_arc_length(speed: ArrayLike, rate_hz: float) -> float:
 
 
 def dimensionless_jerk(velocity: ArrayLike, rate_hz: float) -> float:
-    """Squared jerk over the movement, made dimensionless by its duration and peak speed: 0 or more, less is smoother.
+    """Integral of the squared jerk, made dimensionless by duration and peak speed; not negative, smaller is smoother.
 
         D^3 / v_peak^2  integral over [0, D] of |d^2 v / dt^2|^2 dt,      D = (N - 1) / rate_hz
 
     The result has no unit; for a minimum-jerk reach of any length and duration it is 720 / 1.875^2 = 204.8. Remove rest
-    before and after the movement first, because the duration enters with its third power. With velocities, the turning
-    of the path counts, too. Balasubramanian et al. 2015 use the speed, and the negative result: pass speeds (N,).
+    before and after the movement first, because the duration enters with its third power. Velocities (N, d) include the
+    turning of the path. Balasubramanian et al. 2015 define the measure by the speed, with a minus sign: for theirs,
+    pass speeds (N,) and negate the result.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 Xu, Guo, Zhang 2021. Our copy of the paper lacks the equations and numbers, so this is a reconstruction from its
 description: open, closed and result lists; f = g + h plus a pull to the nearest reference position; positions with a
 manipulability below the threshold are blocked. Our choices are the lattice, the weight of the pull, and the hand's
-orientation, which is that of the nearest reference pose. The search runs in stretches between free reference poses:
-otherwise the path of a motion that returns to its start would be empty.
+orientation, which is that of the nearest reference pose. The search runs in stretches between reference poses that are
+not blocked: otherwise the path of a motion that returns to its start would be empty.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Cell = tuple[int, int, int]
 
 STEPS = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
 NEWTON, ACCURATE, REACH = 12, 1e-6, 0.3
-"""Inverse kinematics: Newton steps, final error [m, rad], largest joint step [rad]."""
+"""Inverse kinematics: number of Newton steps, largest final error [m, rad], largest joint step [rad]."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class AStarPath:
     q: Array
     """(M, n) joint positions along the path."""
     positions: Array
-    """(M, 3) [m] of the hand."""
+    """(M, 3) [m] hand positions."""
     nearest: NDArray[np.int64]
     """(M,) reference sample nearest to each position."""
     complete: bool
@@ -77,16 +77,16 @@ def astar_path(
     pull: float = 4.0,
     max_expansions: int = 200_000,
 ) -> AStarPath:
-    """Path of hand positions along a reference with a manipulability above a threshold.
+    """Plan hand positions along a reference, with the manipulability above a threshold.
 
     Parameters
     ----------
     chain : the arm.
     poses : (N, 4, 4) reference.
     start : (n,) joint positions at the first pose; the search stays in this branch.
-    floor : least w / `max_manipulability`.
+    floor : manipulability floor, as a fraction of `max_manipulability`.
     resolution : [m] of the lattice; our choice.
-    stretch : [m] of reference path per search; our choice. A stretch ends at a free reference pose.
+    stretch : [m] of reference path per search; our choice. A stretch ends at a reference pose that is not blocked.
     pull : weight in f of the distance to the nearest reference position; our choice.
     max_expansions : largest number of expanded positions per stretch.
     """
@@ -118,7 +118,7 @@ def astar_path(
 
 
 def _ends(reference: Array, stretch: float) -> list[int]:
-    """Samples that end stretches of length `stretch`, and the last sample."""
+    """Indices of the samples at which stretches of length `stretch` [m] end, and of the last sample."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(reference[:, :3, 3], axis=0), axis=1))])
     marks = np.arange(stretch, way[-1], stretch)
     return [*np.searchsorted(way, marks).tolist(), len(reference) - 1]
@@ -141,7 +141,7 @@ class _Search:
         self.places = reference[:, :3, 3]
 
     def free_from(self, sample: int, q: Array) -> int | None:
-        """First sample, from this one on, whose pose is not blocked."""
+        """Try every fifth sample from `sample` on; return the first whose pose is not blocked, or None."""
         for i in range(sample, len(self.reference), 5):
             there = self.joints(self.reference[i], q, patient=True)
             if there is not None and self.chain.manipulability(there) >= self.threshold:
@@ -150,7 +150,7 @@ class _Search:
         return None
 
     def path(self, q: Array, first: int, last: int) -> tuple[list[Array], list[int]] | None:
-        """Joint positions, and nearest reference samples, of the steps from sample `first` to sample `last`."""
+        """Two lists on the path from sample `first` to `last`: joint positions, nearest samples. None if not found."""
         origin, goal = self.chain.pose(q)[:3, 3], self.places[last]
         window = slice(first, last + 1)
         open_list: list[tuple[float, int, Cell]] = []
@@ -196,7 +196,7 @@ class _Search:
         self, cell: Cell, *, start: Cell, parents: dict[Cell, Cell], joints: dict[Cell, Array],
         samples: dict[Cell, int], last: int,
     ) -> tuple[list[Array], list[int]]:  # fmt: skip
-        """The result list: from the goal back through the parents."""
+        """The result list, traced from the goal back through the parents."""
         q, at = [], []
         end = self.joints(self.reference[last], joints[cell], patient=True)
         if end is not None:
@@ -208,7 +208,7 @@ class _Search:
         return q[::-1], at[::-1]
 
     def joints(self, pose: Array, near: Array, *, patient: bool = False) -> Array | None:
-        """Joint positions of a pose within the limits, by Newton steps from nearby ones; None if none are found."""
+        """Joint positions that reach `pose` within the limits, by Newton steps from `near`; None if not found."""
         q = near.copy()
         for _ in range(4 * NEWTON if patient else NEWTON):
             here = self.chain.pose(q)

@@ -1,9 +1,9 @@
 """Force field, gate and upper bound as published: Eqs. (15)-(23), Rossa et al.
 
-These weaknesses are those of the published equations. Near the end of the path the weighted mean pulls back, at the end
-itself by about 0.4 S sigma. Every recorded point counts once, so pauses of the hand weigh more. The force jumps at the
-boundary of the comfortable workspace. With k1 < 0 the resistance due to k1 falls towards the target. Far from the path
-every weight of Eq. (16) underflows, Eq. (17) is 0 / 0, and the force is zero.
+The published equations have these weaknesses. Near the end of the path the weighted mean pulls the hand back, at the
+end with about 0.4 S sigma. Every recorded point has the same weight, so pauses of the recorded hand count more. The
+force jumps at the boundary of the comfortable workspace. If k1 < 0, the resistance due to the k1 term decreases towards
+the target. Far from the path every weight of Eq. (16) underflows, Eq. (17) is 0 / 0, and the force is zero.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FieldLaw:
-    """F(x, v) of Eq. (20), gated by Eq. (23) and bounded (section IV).
+    """Force F(x, v) of Eq. (20), switched off by the gate of Eq. (23) and limited to `force_limit` (section IV).
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class FieldLaw:
         return np.asarray(self.drag * self.remaining_length() ** 2)
 
     def energy(self, x: ArrayLike) -> float:
-        """Phi [J] at x (2,), Eq. (17)."""
+        """Energy Phi [J] at x (2,), Eq. (17)."""
         weights, energies, _ = self._terms(np.asarray(x, dtype=np.float64))
         total = weights.sum()
         return float(weights @ energies / total) if total > 0 else 0.0

@@ -25,10 +25,10 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 
 
 class Excess(NamedTuple):
-    """Largest violation of each limit by a command; at most zero if the command satisfies the limit."""
+    """Largest violation of each kind of limit by a command; zero or negative if the command satisfies the limits."""
 
     position: float
-    """[rad] of the joint positions after one tick."""
+    """[rad] violation by the joint positions after one tick."""
     velocity: float
     """[rad/s, m/s]; speeds of the chair are in its own frame."""
     acceleration: float
@@ -39,6 +39,9 @@ class Excess(NamedTuple):
 
 class PseudoinverseLaw:
     """q' = J_W+ r' - (E - J_W+ J) grad c v(r'), with v(r') = |r'| times `self_motion`, Eq. (1).
+
+    q' are the joint velocities, r' the hand's twist, J its Jacobian, J_W+ the pseudoinverse of J weighted by the
+    inertia matrix W, E the identity and c the posture cost.
 
     Parameters
     ----------
@@ -69,7 +72,9 @@ class PseudoinverseLaw:
     def rate(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Array:
-        """(7,) joint velocities, q1' and q2' in the world frame, for a hand twist (k,) in these rows and this frame.
+        """(7,) joint velocities for a hand twist (k,), whose components are `rows` in `frame`.
+
+        The chair's velocities q1' and q2' are in the world frame.
 
         Raises
         ------
@@ -92,7 +97,7 @@ class PseudoinverseLaw:
         return self._base.wheel_speeds(chassis)
 
     def excess(self, q: ArrayLike, velocity: ArrayLike, last: ArrayLike, dt: float) -> Excess:
-        """Limit violations of the command `velocity` (7,) after `last` (7,), dt [s] apart, at q (7,)."""
+        """Limit violations at q (7,) by the command `velocity` (7,), given dt [s] after the command `last` (7,)."""
         chain, angles = self.robot.chain, np.asarray(q, dtype=np.float64)
         now, before = (self.robot.chassis_velocity(angles, each) for each in (velocity, last))
         ahead = angles + np.asarray(velocity, dtype=np.float64) * dt

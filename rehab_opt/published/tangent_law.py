@@ -1,10 +1,10 @@
 """Differential inverse kinematics within joint limits by a tangent transform: Eqs. (8)-(14), Rossa et al.
 
 Deviations: the handle's task is r11 = r21 = 0, because roll and pitch (4)-(5) are singular at their own goal. Locked
-joints are left out, because (8) divides by their range. v has a bound, which by default is far larger than any value in
-use. As published, an unreachable target drives v to infinity. When the target returns, a joint at its limit does not
-follow, because its slope in (11) is 1/v^2. With `saturation=30, damping=1e-8` the arm returns within 0.05 s, at the
-cost of 1 % of each range at both ends.
+joints are left out, because (8) divides by their range. The transformed variable v is bounded, by default far above any
+value in use. As published, an unreachable target drives v to infinity. When the target returns, a joint at its limit
+does not follow, because its slope in (11) is 1/v^2. With `saturation=30, damping=1e-8` the arm returns within 0.05 s,
+at the cost of 1 % of each range at both ends.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ bench.tangent_law`."""
 DAMPING = 1e-6
 """mu; the paper requires mu << 1. With 1e-4 the hand misses one constant reachable target in 25 after 3 s."""
 SATURATION = 1e6
-"""Largest |v|: a joint is then about a millionth of a radian from its limit."""
+"""Largest |v|; there a joint is about a millionth of a radian from its limit."""
 STEP = 0.2  # largest k0 h of an integration step h [s]; with 0.05 the path of mocap_lift is the same
 MAX_MAGNITUDE = 1e6  # [m] a target beyond counts as not finite
 SETTLING = 20.0  # [1/k0] time to find a start posture if none is given
@@ -54,9 +54,9 @@ class TangentPath:
     status: list[Tracking]
     """(N,) result of each sample."""
     position_error: Array
-    """(N,) [m] from hand to target; NaN if the target is not finite."""
+    """(N,) [m] distance from hand to target; NaN if the target is not finite."""
     handle_tilt: Array
-    """(N,) [rad] from handle to vertical."""
+    """(N,) [rad] angle between handle and vertical."""
     seconds: Array
     """(N,) computing time of each sample."""
 
@@ -70,6 +70,9 @@ def damped_pseudoinverse(jacobian: Array, damping: float) -> Array:
 
 class TangentLaw:
     """Eq. (14), v' = k0 Jc+ (p - Gamma(q)), integrated by explicit Euler steps.
+
+    v are the transformed joint variables of Eq. (8), p is the target of the task Gamma(q), and Jc+ is the damped
+    pseudoinverse of the task Jacobian Jc, Eq. (13).
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class Format(NamedTuple):
     """Reader of one file format."""
 
     steps: Callable[..., tuple[list[Step], list[str]]]
-    """Source, base, tip -> steps and notes."""
+    """Function (source, base, tip) -> (steps, notes)."""
     keys: tuple[str, str, str]
     """The format's names of a joint's lower limit, upper limit and speed limit."""
 
@@ -138,7 +138,10 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
 def _joints_and_frames(
     steps: Sequence[Step], locked: Mapping[str, float], source: Source, notes: list[str]
 ) -> tuple[list[Joint], list[Array], list[_Fixed]]:
-    """The n moving joints; n + 1 poses of each joint's axes, and of the tip, in the axes before; the link frames."""
+    """Three results: the n moving joints, n + 1 poses, and the link frames.
+
+    The poses are those of each joint's axes and of the tip, each in the axes of the joint before.
+    """
     unknown = sorted(set(locked) - {step.joint.name for step in steps if step.joint is not None})
     if unknown:
         raise ConfigurationError("locked", unknown[0], "a joint between base and tip")
@@ -302,7 +305,7 @@ def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], def
 
 
 def _capsule(i: int, given: object, places: Mapping[str, tuple[int, Array]]) -> LinkCapsule:
-    """Capsule in its row's frame from a capsule in its link's frame."""
+    """Transform a capsule from the frame of its link to the frame of its row."""
     if not isinstance(given, CapsuleOnLink):
         raise ConfigurationError(f"capsules[{i}]", given, "a CapsuleOnLink(link, start (3,), end (3,), radius)")
     if given.link not in places:
@@ -322,7 +325,7 @@ def _capsule(i: int, given: object, places: Mapping[str, tuple[int, Array]]) -> 
 
 
 def _body(link: _Fixed, places: Mapping[str, tuple[int, Array]]) -> Body:
-    """A link's mass in its row's frame."""
+    """A link's mass, centre and inertia in the frame of its row."""
     frame, pose = places[link.step.link]
     own = link.step.inertial
     assert own is not None  # links without a mass are left out

@@ -76,7 +76,7 @@ UNIT: Mapping[str, Mapping[str, int]] = {
 }
 """Attributes with a unit vector, and its number of components."""
 LOOPS = ("connect", "weld", "tendon")
-"""Equalities that couple bodies or several joints."""
+"""Elements of <equality> that couple bodies or several joints."""
 EARTH = "0 0 -9.81"
 """[m/s^2] Default gravity of MuJoCo and of the plant."""
 MAX_INCLUDES = 20
@@ -128,7 +128,7 @@ def mjcf_steps(
 
 
 def _include(root: Element, source: Source, read: list[Element]) -> None:
-    """Replace each <include> by the content of its file, as MuJoCo does; elements name the file in their line."""
+    """Replace each <include> by the content of its file, as MuJoCo does."""
     for element in list(root.all()):
         if element.tag == "attach":
             expected = "one model; let MuJoCo attach the others, and save it"
@@ -250,7 +250,7 @@ def _steps(
 
 
 def _coupled(mujoco: Any, model: Any) -> dict[int, str]:
-    """Joints, by number, that an equality couples to another joint or to a value."""
+    """For the number of each coupled joint: the name of the joint that it follows, or "equality" if there is none."""
     found = {}
     for i in range(model.neq):
         if mujoco.mjtEq(int(model.eq_type[i])) == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[i]:
@@ -260,7 +260,7 @@ def _coupled(mujoco: Any, model: Any) -> dict[int, str]:
 
 
 def _body_steps(mujoco: Any, model: Any, body: int, coupled: dict[int, str], source: Source) -> Iterator[Step]:
-    """Steps of one body, one for each of its joints."""
+    """Steps of one body: one for each of its joints, then one for its frame."""
     here = _pose(model.body_pos[body], model.body_quat[body])
     name = model.body(body).name
     start = int(model.body_jntadr[body])
@@ -308,7 +308,7 @@ def _force(mujoco: Any, model: Any, drive: int) -> float:
 
 
 def _carried(model: Any, link: int, way: Container[int], notes: list[str]) -> Iterator[Step]:
-    """Steps to the bodies that branch off from a body on the chain, their joints at the file's initial values."""
+    """Steps to the bodies that branch off from the chain's body `link`, with their joints at the initial values."""
     poses = {link: np.eye(4)}
     for body in range(link + 1, int(model.nbody)):  # a body comes after the one that carries it
         parent = int(model.body_parentid[body])

@@ -53,7 +53,7 @@ class Inertial(NamedTuple):
     mass: float
     """[kg]"""
     centre: Array
-    """(3,) [m]"""
+    """(3,) centre of mass [m]."""
     inertia: Array
     """(3, 3) about the centre [kg m^2]."""
 
@@ -77,7 +77,7 @@ class Step(NamedTuple):
 
 
 def moved(x: float, y: float, z: float) -> Array:
-    """(4, 4) shift [m]."""
+    """(4, 4) translation [m]."""
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
     return pose

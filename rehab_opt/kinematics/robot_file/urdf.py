@@ -43,7 +43,7 @@ READ = {
     "limit": ("lower", "upper", "velocity", "effort"),
     "mimic": ("joint", "multiplier", "offset"),
 }
-"""Known elements and attributes of a joint; others give a note."""
+"""Known elements and attributes of a joint; unknown ones are reported in a note."""
 OF_ROBOT = {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"}
 OF_LINK = {
     "inertial": ("origin", "mass", "inertia"),
@@ -53,11 +53,12 @@ OF_LINK = {
     "sensor": None,
     "self_collision_checking": None,
 }
-"""Known elements of a robot and of a link, and their children; others give a note. None allows any child."""
+"""Known elements of a robot and of a link, and their children; unknown ones are reported in a note. None allows any
+child."""
 QUATERNIONS = 1.1
 """First version of the format with quaternions in <origin>; readers of earlier versions ignore them."""
 INFINITE = {f"{sign}{word}": float(f"{sign}inf") for sign in ("", "+", "-") for word in ("inf", "infinity")}
-"""Spellings of a limit that is none."""
+"""Spellings of an infinite limit."""
 TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
 _NO_NUMBER = np.array([math.nan])
 

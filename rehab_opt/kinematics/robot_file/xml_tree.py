@@ -1,7 +1,8 @@
 """Elements and attributes of an untrusted XML file: no entity is expanded and no other file is opened.
 
-The standard library's expat is enough, since a robot's kinematics are attributes of a few elements. Our reader names
-the wrong joint and key in its errors; yourdfpy, pinocchio and MuJoCo do not, need 10 to 400 MB, or open meshes.
+The standard library's expat is enough, since a robot's kinematics are attributes of a few elements. Errors of this
+reader name the wrong joint and key. Those of yourdfpy, pinocchio and MuJoCo do not; these packages also need 10 to 400
+MB or open meshes.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Source:
     name: str
 
     def refuse(self, key: str, value: object, expected: str) -> RobotFileError:
-        """The error of a key."""
+        """The error for an invalid key."""
         brief = shown(value) if isinstance(value, str) else value
         return RobotFileError(self.name, shown(key, LONGEST_KEY), brief, expected)
 
