@@ -153,7 +153,7 @@ def live(
 ) -> None:
     """Run a problem in real time and print the address of its interactive page; Ctrl-C ends the run.
 
-    With --study, each hold of the dead man's switch of at least one second is stored as a trial.
+    With --study, a trial is stored each time the dead man's switch is held for at least one second.
     """
     from rehab_opt.live.session import show_live  # noqa: PLC0415
 
@@ -382,7 +382,7 @@ def place(
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Search seat, direction, grip and start for a mirror problem; print them as keys, with the result of a run."""
+    """Find seat, direction, grip and start for a mirror problem; print them as keys, with the result of a run."""
     from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
     from rehab_opt.session.mirror.placing import (  # noqa: PLC0415
         found_place,
@@ -576,7 +576,7 @@ def export_controller(
         typer.Option(metavar="BYTES", help="Largest size of the controller's C struct; mirror default: 96000."),
     ] = None,
 ) -> None:
-    """Write a problem's controller as C source and header, with a recorded run to compare; print how to build it."""
+    """Write a problem's controller as C source and header, and a recorded run for comparison; print how to build it."""
     from rehab_opt.export.export_c import export_c  # noqa: PLC0415
     from rehab_opt.session.files import load_problem  # noqa: PLC0415
 

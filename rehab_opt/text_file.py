@@ -266,7 +266,7 @@ def times(count: int) -> str:
 
 
 def brief(value: object, most: int = 60) -> object:
-    """`value`; if its text is longer than `most` characters, the shortened text; if it has no text, a message."""
+    """`value`; its text, shortened, if longer than `most` characters; a fixed text if the value cannot be printed."""
     try:
         written = str(value)
     except (ValueError, RecursionError):

@@ -48,7 +48,7 @@ class Rings(NamedTuple):
 def live_or_logged(
     file: str, options: dict[str, str | None], *, again: bool
 ) -> Iterator[tuple[LiveProblem, Logged | None]]:
-    """Yields a live problem and None; with `again`, `file` is a log, and the log's problem and the log are yielded."""
+    """Context that yields a live problem, and its log if `file` is a log (`again`) or else None."""
     if not again:
         yield live_problem(load_problem(file), **options), None
         return

@@ -30,9 +30,9 @@ def connect_franka(
     """Connect to a Franka arm with active FCI, as a `Device` with joint velocity commands.
 
     franky runs in a process of its own. franky's C++ loop at 1 kHz tracks each commanded velocity within the robot's
-    acceleration and jerk limits, so a step becomes a ramp with a few milliseconds of lag. If no new command arrives
-    within half of `watchdog`, the robot brakes. If franky's process is killed, the robot brakes within 20 ms. If the
-    robot stops with a reflex, the connection ends with the robot's message as the reason.
+    acceleration and jerk limits. A velocity step thus becomes a ramp with a few milliseconds of lag. If no new command
+    arrives within half of `watchdog`, the robot brakes. If franky's process is killed, the robot brakes within 20 ms.
+    If the robot stops with a reflex, the connection ends with the robot's message as the reason.
 
     Parameters
     ----------

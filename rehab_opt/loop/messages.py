@@ -45,7 +45,7 @@ WRENCH = _with(
 def joint_state(
     nanoseconds: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike = (), effort: ArrayLike = ()
 ) -> bytes:
-    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N], at a time since 1970."""
+    """Message of joint positions [rad, m], velocities [rad/s, m/s] and efforts [N m, N], with a time since 1970."""
     message = _header(nanoseconds, "").texts(names)
     return message.numbers(position).numbers(velocity).numbers(effort).done()
 

@@ -1,4 +1,4 @@
-"""Inputs of a controller in one tick; layouts of the records of a loop's ticks and of an operator's inputs."""
+"""Inputs of a controller in one tick; layouts of two kinds of records: a loop's ticks, and an operator's inputs."""
 
 from __future__ import annotations
 

@@ -120,8 +120,8 @@ class ForceRobot:
     def step(self, force_x: float, force_y: float, person_x: float, person_y: float) -> None:
         """Simulate one tick with the commanded force [N] and the person's force person_x, person_y [N] on the handle.
 
-        x, y, vx, vy become the new state, measured_x, measured_y the measured force on the hand, `acting` the motor
-        force.
+        Then x, y, vx, vy are the new state; measured_x, measured_y are the measured force on the hand; `acting` is the
+        motor force.
         """
         model, dt = self._model, self._dt
         noise_x, noise_y = self._noise[self._tick]

@@ -59,7 +59,7 @@ def arm_mjcf(model: ArmModel, *, step: float) -> str:
 
 
 def row_pose(row: ChainRow, value: float) -> Array:
-    """Pose (4, 4) of the frame after a chain's row, in the frame before that row, for a joint position [rad, m]."""
+    """Pose (4, 4) of a link in the frame of the link before, for the chain's `row` and a joint position [rad, m]."""
     joint = np.eye(4)
     if row.prismatic:
         joint[2, 3] = value
@@ -97,7 +97,7 @@ def _pose(pose: Array) -> str:
 
 
 def _quaternion(rotation: Array) -> Array:
-    """Quaternion (w, x, y, z) of a rotation (3, 3), as an eigenvector, which is insensitive to rounding."""
+    """Quaternion (w, x, y, z) of a rotation (3, 3), computed as an eigenvector to be insensitive to rounding."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     matrix = np.array(
         [

@@ -111,7 +111,7 @@ def _place(  # noqa: PLR0917  (a column, and what is known of all of them)
 
 
 def _angles(said: str | None, title: str, how: Reading, *, needed: bool, name: str) -> tuple[str, str]:
-    """Whether angles are in degrees ("yes" or "no"), or "" if angles are not read; and a note."""
+    """Two results: whether angles are in degrees ("yes" or "no"; "" if angles are not read); and a note."""
     stated = {None: "", "deg": "yes", "rad": "no"}[how.stated("angle")]
     if RATES.search(title) or (OTHERS.search(title) and not stated):
         return "", f"its line 1 says {shown(title)}: no angles are read"

@@ -206,9 +206,9 @@ def _after(time: Array, out: NDArray[np.bool_], begun: float) -> str:
 def unseen(points: Array) -> NDArray[np.bool_]:
     """Flags (N,) of the samples in which the hand is missing, for `points` (N, d).
 
-    In such a sample, a coordinate is missing or beyond `ENDLESS`, or the coordinates are a code of a lost marker: all
-    are zero or equal (-9999), or one is a repeated number beyond `FARTHEST` (9999999). Codes count only if they are far
-    from the samples before and after.
+    In such a sample, a coordinate is missing or beyond `ENDLESS`, or the coordinates are a code of a lost marker. In a
+    code, all coordinates are zero or equal (-9999), or one is a repeated number beyond `FARTHEST` (9999999). Codes
+    count only if they are far from the samples before and after.
     """
     lost: NDArray[np.bool_] = np.asarray(~(np.abs(points) < ENDLESS).all(axis=1))
     seen = np.flatnonzero(~lost)

@@ -159,7 +159,7 @@ def read_csv(path: Path, *, name: str, how: Reading = ALONE) -> Samples:
 
 
 def _units(cells: Sequence[str]) -> list[str]:
-    """Units of a line of units below a header, "" for a column without a unit; empty for any other line."""
+    """Units in the line below a header, "" for a column without a unit; empty if the line does not state units."""
     units = [known_unit(cell.strip(' "[]()')) for cell in cells]
     return units if all(unit in UNITS or not unit for unit in units) else []
 
@@ -322,7 +322,7 @@ def _column(header: Sequence[str], names: Sequence[str], units: Mapping[str, flo
 
 
 def _asked(column: str | int, header: Sequence[str], written: Sequence[str], key: str, name: str) -> str:
-    """Canonical name of a column that the user names as in the file, by its canonical name, or by number."""
+    """Canonical name of a column that the user gives by its name in the file, its canonical name or its number."""
     named = column in header and not isinstance(column, int)
     place = header.index(str(column)) if named else place_of(column, written)
     if place is None:

@@ -238,7 +238,7 @@ def _day(of: SessionMean) -> int:
 
 
 def _weeks(means: Sequence[SessionMean]) -> Callable[[SessionMean], float] | None:
-    """Function that returns the weeks since a person's first session; None without dates over a week or longer."""
+    """Function that returns the weeks since a person's first session; None if dates are missing or span no week."""
     if not all(each.date for each in means):
         return None
     days: dict[str, list[int]] = defaultdict(list)

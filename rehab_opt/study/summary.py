@@ -27,7 +27,7 @@ IN_ORDER = "s.visit IS NULL, s.visit, s.date IS NULL, s.date, s.name"
 
 
 class Interval(NamedTuple):
-    """Mean of `n` values with its 95 % confidence interval (Student's t), which is NaN for a single value."""
+    """Mean of `n` values with its 95 % confidence interval (Student's t); the interval of a single value is NaN."""
 
     mean: float
     lower: float
@@ -116,7 +116,7 @@ def overview(study: Study) -> Any:
 
 
 def people(study: Study, person: str | None = None) -> list[Any]:
-    """Rows of all people in the order of their names, or of one: name, group, sessions, trials, last day."""
+    """Rows of all people sorted by name, or of one person: name, group, sessions, trials, last day."""
     of, who = _of_person(person)
     question = (
         'SELECT s.person, s."group", count(DISTINCT s.id), count(t.id), max(s.date) FROM sessions s '
