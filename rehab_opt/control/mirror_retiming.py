@@ -80,7 +80,7 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Passage for kinds of path `ways` (M,) and speed factors `slow` (M,), and for each of its ticks the plan's tick.
+    """Passage for kinds of path `ways` (M,) and speed factors `slow` (M,); for each of its ticks, the plan's tick.
 
     None if the passage is slower than the plan.
     """
@@ -147,7 +147,7 @@ def _passed(
 def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
     """Largest speed of the tool (M,) [m/s] in ticks that start at q (M, n) with joint velocities (M, n).
 
-    The angular speed counts, too, scaled by the ratio of the two speed limits.
+    The angular speed counts, too, scaled by the ratio of linear to angular speed limit.
     """
     chain, dt = tracker.chain, tracker.dt
     at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)

@@ -55,19 +55,19 @@ __all__ = ["PoseTracker"]
 Array = NDArray[np.float64]
 
 CALMING = 0.5
-"""[m/rad^2] Damping per metre of the error that limits or singular postures leave; it shortens steps."""
+"""[m/rad^2] Damping per metre of pose error that remains because of limits or singular postures; it shortens steps."""
 MISSED = 0.02
-"""Fraction of a twist that the least damping removes at regular postures; a larger rest is due to limits."""
+"""Fraction of a twist that the least damping removes at regular postures; if more is missing, limits are the cause."""
 PASSES = 2
 """Passes of a damped solve; each further pass reduces the damping's error at regular postures."""
 BRAKES = 0.7
 """Fraction of the accelerations that is used in the approach to a target."""
 ASIDE_SPEED, FREE_TURN = 0.1, 0.5
-"""Largest self-motion for the posture, as a fraction of the largest speeds; [rad] see `PoseTracker.self_motion`."""
+"""Largest self-motion, as a fraction of the largest joint speeds; [rad] rotation error at which self-motion ends."""
 ASIDE = 3
 """Rounds in which a command is moved away from approaching bodies."""
 SECANTS = 2
-"""Rounds in which a forbidden command is blended with braking."""
+"""Rounds of the search for the best blend of a forbidden command with braking."""
 TINY = 1e-12
 
 
@@ -83,17 +83,20 @@ class Now(NamedTuple):
 
 
 class Task(NamedTuple):
-    """min |J (u - base) - rate|^2 + damping |u - centre|^2 within lower and upper; w is the unbounded answer."""
+    """Least squares: min |J (u - base) - rate|^2 + damping |u - centre|^2 over u (n,) within `lower` and `upper`.
+
+    The velocity `base` (n,) follows from a tick of braking; w (n,) is the solution without bounds.
+    """
 
     J: ca.SX
     base: ca.SX
     rate: ca.SX
-    """(6,) weighted error at the stop posture over the time of its correction."""
+    """(6,) weighted pose error at the stop posture, divided by the time of its correction."""
     centre: ca.SX
-    """(n,) `base`, or a velocity close to w if no limit affects w; then w is nearly free of damping."""
+    """(n,) velocity to which the damping pulls: `base`, or, if no limit affects w, a velocity close to w."""
     damping: ca.SX
     seconds: ca.SX
-    """[s] S, derivative of the stop posture by u."""
+    """[s] S, derivative of the stop posture with respect to u."""
     lower: ca.SX
     upper: ca.SX
     w: ca.SX
@@ -108,11 +111,12 @@ class PoseTracker(PoseInputs):
     1. min |J (u - b) - e/S|^2 + d |u - b|^2  s.t. low <= u <= high, and the tangents of `limits` at the stop posture
 
        Here J is the Jacobian and e the pose error at the stop posture, b the velocity after a tick of braking, and
-       S [s] the derivative of the stop posture by u. The damping d grows with the part of e that limits leave over.
-    2. The velocity changes straight towards the result, within accelerations and hand speeds.
+       S [s] the derivative of the stop posture with respect to u. The damping d grows with the error that remains
+       because of limits.
+    2. The velocity changes along a straight line towards the result, as far as accelerations and hand speeds allow.
     3. If the result is not allowed, it is blended with braking until it is.
 
-    The tracker acts on the joints' commanded positions (`FrontEnd`). An object belongs to one thread, see `OneThread`.
+    The tracker computes with commanded joint positions (`FrontEnd`). An object belongs to one thread, see `OneThread`.
 
     Parameters
     ----------
@@ -187,7 +191,7 @@ class PoseTracker(PoseInputs):
         )  # fmt: skip
 
     def statement(self) -> Statement:
-        """QP of one tick; parameters q (n,), pose (16, by rows), twist (6,); memory as `VelocityController`."""
+        """QP of one tick; parameters q (n,), pose (16, row by row), twist (6,); memory as in `VelocityController`."""
         n, tick, moves = self.chain.n, Stages(), self.limits.moving_size
         q, entries, twist = parameter("q", n), parameter("pose", 16), parameter("twist", 6)
         parameters = [q, entries, twist, *([parameter("obstacles", moves)] if moves else [])]
@@ -228,7 +232,7 @@ class PoseTracker(PoseInputs):
         return report
 
     def _rows(self, tick: Stages, now: Now, task: Task, kept: Kept) -> tuple[ca.SX, ca.SX, Rows]:
-        """Target velocity without rows; whether it is far from all limits; if not, the rows of the limits."""
+        """Three results: target velocity without rows; whether it is far from all limits; if not, the limits' rows."""
         brake = self._manoeuvre
         aim = tick.once(clipped(clipped(task.w, task.lower, task.upper), -brake.speed, brake.speed))
         far = tick.once(kept.far(tick, Way(now.state, aim, further(brake.ticks(aim)))))
@@ -246,7 +250,7 @@ class PoseTracker(PoseInputs):
         return aim, far, Rows(*parts)
 
     def _blocking(self, target: ca.SX, task: Task, rows: Rows | None, outside: ca.SX) -> ca.SX:
-        """Number of the reason, and the joint or -1, for a command that delivers none of the commanded motion."""
+        """Number of the reason why a command delivers none of the reference motion, and the joint at fault or -1."""
         beyond = ca.fmax(task.w - task.upper, task.lower - task.w)
         most = ca.mmax(beyond)
         joint = first_of([(beyond[i] >= most, ca.SX(i)) for i in range(self.chain.n)])
@@ -275,7 +279,7 @@ class PoseTracker(PoseInputs):
         return Now(state, tick.once(clipped(brake.braked(state.last), ends.least, ends.most)), ends, outside)
 
     def _task(self, tick: Stages, now: Now, target: ca.SX, error: ca.SX, twist: ca.SX) -> Task:
-        """Levenberg-Marquardt step on the pose error at the stop posture; `error` (6,) is that of now."""
+        """Levenberg-Marquardt step on the pose error at the stop posture; `error` (6,) is the present pose error."""
         chain, dt, brake, ends = self.chain, self.dt, self._manoeuvre, now.ends
         weights = ca.DM(np.sqrt(self.task_weights / self.task_weights.max()))
         movable = ca.diag(ca.DM(~chain.locked))
@@ -361,12 +365,12 @@ class PoseTracker(PoseInputs):
 
     @property
     def _settling(self) -> float:
-        """Rate [1/s] that removes 1 - exp(-gain dt) of the error in a tick, without overshoot."""
+        """Rate [1/s] that removes the fraction 1 - exp(-gain dt) of the error in a tick, so it never overshoots."""
         return (1 - math.exp(-self.gain * self.dt)) / self.dt
 
     @property
     def _rest_posture(self) -> ca.DM:
-        """(n,) posture for self-motion; infinite for joints without a middle."""
+        """(n,) posture that self-motion approaches; infinite for joints without limits."""
         if self.posture is not None:
             return ca.DM(self.posture)
         lower, upper = self.chain.lower, self.chain.upper
@@ -376,8 +380,8 @@ class PoseTracker(PoseInputs):
     def self_motion(self, q: ca.SX, turn: ca.SX, jacobian: ca.SX, seconds: ca.SX, braking: ca.SX) -> ca.SX:
         """(n,) [rad/s] self-motion from q (n,) towards the rest posture, added to `braking` (n,).
 
-        If a component of the rotation error `turn` (3,) [rad] is free, the self-motion ends `FREE_TURN` from the
-        target.
+        If a rotation component has zero weight, the self-motion fades as the rotation error `turn` (3,) [rad] grows to
+        `FREE_TURN`.
         """
         chain, away = self.chain, self._rest_posture - q
         if self.posture is None and (np.any(self.task_weights == 0) or np.sum(~chain.locked) <= len(self.task_weights)):
@@ -394,7 +398,10 @@ class PoseTracker(PoseInputs):
         return moved / ca.fmax(over, 1) - free(braking)
 
     def _towards(self, now: Now, w: ca.SX) -> ca.SX:
-        """(n,) velocity from braking towards w within speed limits, and straight there within accelerations."""
+        """(n,) last velocity, changed straight towards an aim, as far as the accelerations allow.
+
+        The aim lies between braking and w (n,), as near to w as the speed limits allow.
+        """
         brake, way = self._manoeuvre, w - now.braked
         room = (brake.speed - ca.fabs(now.braked)) / ca.fmax(ca.fabs(w) - ca.fabs(now.braked), TINY)
         part = ca.mmin(ca.if_else(ca.fabs(w) > brake.speed, room, 1))
@@ -408,7 +415,7 @@ class PoseTracker(PoseInputs):
         )
 
     def _within(self, tick: Stages, now: Now, task: Task, rows: Rows, u: ca.SX) -> ca.SX:
-        """(n,) u moved back into the rows after the accelerations shortened it, with the rows' curvature."""
+        """(n,) velocity nearest to u that satisfies the curved rows; the accelerations may have moved u out of them."""
         assert self.kept is not None
         upper = tick.once(self.kept.bent(tick, rows, now.state, now.braked, u))
         H = task.J.T @ task.J + task.damping * ca.SX.eye(self.chain.n)
@@ -418,7 +425,7 @@ class PoseTracker(PoseInputs):
         return tick.when(kept, u, lambda: tick.call(again, H, u, rows.slopes, rows.away, upper, *ends)[0])
 
     def _clear(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX) -> ca.SX:
-        """(n,) u, or a velocity that violates no limit in this tick; may exceed accelerations."""
+        """(n,) u if it violates no limit in this tick, else a velocity that does not but may exceed accelerations."""
         if self.kept is None:
             return u
         limits, q, moving = self.limits, now.state.q, now.state.moving
@@ -445,7 +452,10 @@ class PoseTracker(PoseInputs):
         return tick.when(tick.call(limits.all_clear, q, moving, u)[0], u, otherwise)
 
     def _allowed(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX, far: ca.SX) -> ca.SX:
-        """(n,) u, or its largest blend with braking that violates no limit more; `far`: u is far from all limits."""
+        """(n,) u if it is allowed, else its largest blend with braking that violates no limit more than braking does.
+
+        far : whether u is far from all limits.
+        """
         brake, braked, kept = self._manoeuvre, now.braked, self.kept
         usual: list[Bound] = [JointSpeed(brake), JointAcceleration(brake), self._hand]
         bounds = [*usual, kept] if kept else usual
@@ -514,7 +524,7 @@ def _error(target: ca.SX, pose: ca.SX) -> ca.SX:
 
 
 def _held(tick: Stages, task: Task, far: ca.SX, rows: Rows) -> Task:
-    """The task, damped by the part of its error that the rows leave, as by the part that joint limits leave."""
+    """The task with more damping, in proportion to the hand velocity that the rows take away from its solution w."""
 
     def calmed() -> ca.SX:
         u, need = task.w, rows.away - rows.upper

@@ -20,7 +20,7 @@ Weights = Mapping[str, float | Mapping[str, float]]
 
 POSTURE_COSTS = ("rest", "speed", "elbow", "displacement", "acceleration", "manipulability")
 NARROW, WIDE = 0.1, 2 * math.pi
-"""[rad] Ranges of motion are clipped to these limits, since a joint with a tiny range would outweigh the arm."""
+"""[rad] Ranges of motion are clipped to these limits, since a joint with a tiny range would outweigh all others."""
 ELBOWS = ("forearm_extension", "elbow")
 
 
@@ -36,7 +36,7 @@ class History(NamedTuple):
 
 
 class Quadratic(NamedTuple):
-    """1/2 sum weight_i (q_i - centre_i)^2 + constant."""
+    """Cost 1/2 sum weight_i (q_i - centre_i)^2 + constant of a posture q."""
 
     weight: Array
     centre: Array
@@ -51,8 +51,8 @@ class PostureCost:
     "elbow"          distance of the elbow from its flexed position, the upper end of its range
     "displacement"   distance from the posture at the start of the path
     "speed"          change since the previous sample
-    "acceleration"   change of that change
-    "manipulability" w^2 over its mean over the range of motion: low where spasms move the hand little
+    "acceleration"   difference between the last two changes
+    "manipulability" w^2 / (its mean over the range of motion); low where spasms move the hand little
     ================ ====================================================================================
 
     range_i is the joint's range of motion, clipped to 0.1 rad and 2 pi, and w the manipulability. A term without a
@@ -65,7 +65,7 @@ class PostureCost:
 
     Raises
     ------
-    ConfigurationError : an unknown term or joint, a weight that is negative or not finite, "elbow" without one.
+    ConfigurationError : an unknown term or joint, a negative or infinite weight, "elbow" for an arm without one.
     """
 
     def __init__(self, arm: SerialChain, weights: Weights, *, rest: ArrayLike | None = None) -> None:

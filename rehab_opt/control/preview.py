@@ -1,4 +1,4 @@
-"""Preview of a whole recording: position and speed of the reference clock in each tick without slowdown."""
+"""Preview of a whole recording: the reference clock's position and pace in each tick, if nothing slows the clock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Layout", "Preview", "angles_between", "turned_each", "turns_between"
 Array = NDArray[np.float64]
 
 NEAR = 1e-12
-"""Relative margin of the preview to the hand speeds, for rounding."""
+"""Relative margin of the preview to the hand's largest speeds, for rounding."""
 
 
 class Layout(NamedTuple):
@@ -25,7 +25,7 @@ class Layout(NamedTuple):
     paces: list[float]
     """Seconds of the reference per second."""
     places: list[tuple[int, float]]
-    """Sample, and fraction of the step to the next one, after the tick."""
+    """The clock after each tick: index of a sample, and fraction of the step to the next one."""
 
 
 class Preview:
@@ -52,7 +52,10 @@ class Preview:
         return np.asarray(np.maximum(linear / self._limits[0], angular / self._limits[1]))
 
     def ahead(self, place: tuple[int, float], pace: float, most: int, *, dt: float, quickening: float) -> Layout:
-        """Preview of at most `most` ticks, up to a bridge; the pace rises by at most 1 in `quickening` seconds."""
+        """Lay out at most `most` ticks from `place`, up to a bridge.
+
+        The pace rises by at most 1 in `quickening` seconds.
+        """
         at, fraction = place
         last, rise = len(self._seconds) - 1, dt / quickening
         seconds, fastest, paces = self._seconds, self._fastest, self._paces
@@ -109,7 +112,7 @@ def angles_between(before: Array, after: Array) -> Array:
 
 
 def _between(before: Array, after: Array) -> tuple[Array, Array, Array]:
-    """Axes (N, 3) times the sines (N,) of the angles (N,) [rad] between rotations (N, 3, 3)."""
+    """Three results for the rotation from `before` to `after`: axis times sine (N, 3), sine (N,), angle (N,) [rad]."""
     r = after @ before.transpose(0, 2, 1)
     skew = 0.5 * np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
     sine = np.linalg.norm(skew, axis=1)

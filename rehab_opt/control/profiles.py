@@ -17,16 +17,16 @@ CERTIFIED = 1e-6
 """Largest accepted certificate residual."""
 EDGE = 1e-12  # [u] rounding beyond a bound of a profile that ends on it; the output is clipped
 INSIDE = 1.0 - 2.0**-48
-"""Factor on Ruckig's velocity limit: if a ramp ends exactly at the bound, Ruckig may miss the profile by rounding."""
+"""Factor on the velocity and acceleration passed to Ruckig: exactly at a bound, rounding may hide the profile."""
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)  # of a position, as a fraction of the largest one
 
 
 class Profiles:
     """Current motion of the axes: state, current profile, and finite differences of the output.
 
-    A profile is accepted only if all of it is inside and its axes can stop inside from its end; otherwise the current
-    profile continues. Each axis stops on its own, without Ruckig. Only if `start` set an axis outside or too fast
-    before its bound, the position bound is relaxed.
+    A profile is accepted only if all of it is inside the position bounds and every axis can stop inside from its end;
+    otherwise the current profile continues. Each axis stops on its own, without Ruckig. A position bound is relaxed
+    only if `start` set an axis outside it, or too fast to stop before it.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Profiles:
             (low - EDGE * (1.0 + abs(low)), high + EDGE * (1.0 + abs(high)))
             for low, high in zip(bounds.lower, bounds.upper, strict=True)
         ]
-        # So far from the edges that no axis reaches them while it reverses at its largest acceleration.
+        # Intervals in which no axis that reverses at its largest acceleration reaches an edge.
         turns = [0.5 * v * v / a for v, a in zip(bounds.velocity, bounds.acceleration, strict=True)]
         self._amidst = [(low + turn, high - turn) for (low, high), turn in zip(self._edges, turns, strict=True)]
         # The binding raises ValueError for results without a name (a profile of more than 7.6e3 s).
@@ -64,7 +64,7 @@ class Profiles:
 
     # ------------------------------------------------------------------------------------------------- planning
     def start(self, p: list[float], v: list[float]) -> bool:
-        """Start at positions p with velocities v and zero acceleration, and stop; False on overflow."""
+        """Start at positions p with velocities v and zero acceleration, and plan to stop; return False on overflow."""
         self.p, self.v, self.a = p, v, self._rest
         self._speeds, self._changes = v, self._rest  # finite differences of p, as if v had been constant
         self._size = -1.0
@@ -76,12 +76,12 @@ class Profiles:
         return all(math.isfinite(stop.seconds + stop.at(math.inf)[0]) for stop, _ in self._stops.values())
 
     def move(self, goal: list[float], speed: list[float]) -> bool:
-        """Plan to `goal` (n,) [u], one tick from now and inside the bounds; False if the plan would leave the bounds.
+        """Plan to `goal` (n,) [u], the goal's position one tick from now; False if the plan would leave the bounds.
 
         speed : (n,) [u/s] speed of the goal, below the velocity bounds.
         """
-        # Plan in the frame that moves with the goal, with shifted velocity bounds. Ruckig's own target velocity
-        # passes the goal where it is now; planned again in every tick, it trails by centimetres.
+        # Plan in the frame that moves with the goal, with shifted velocity bounds. With Ruckig's own target velocity a
+        # profile passes the goal's current position; planned again in every tick, it trails the goal by centimetres.
         speed = self._rest if self.outside else speed
         self._set_velocity_bounds(speed)
         moving = any(speed)
@@ -97,9 +97,9 @@ class Profiles:
         return True
 
     def stop(self, *, at_any_price: bool = False) -> None:
-        """Stop each axis as fast as its bounds allow, as soon as its stop stays inside.
+        """Stop each axis as fast as its bounds allow, as soon as the stop stays inside the position bounds.
 
-        To be called in every tick until all axes are `stopping`; with `at_any_price` all axes stop at once.
+        Call this in every tick until all axes are `stopping`. With `at_any_price`, all axes stop at once, also outside.
         """
         if at_any_price:
             self._stops, self._end = {}, self.age
@@ -120,7 +120,7 @@ class Profiles:
         return len(self._stops) == len(self._rest)
 
     def leads_out(self, axis: int, position: float, speed: float) -> bool:
-        """Whether an axis that moves on from `position` at constant `speed` can no longer stop inside after a tick."""
+        """Whether an axis at `position` can no longer stop inside after one more tick at constant `speed`."""
         low, high, _, acceleration, jerk = (bound[axis] for bound in self.bounds)
         return not low <= position + speed * self._dt + stopping_distance(speed, acceleration, jerk) <= high
 
@@ -185,7 +185,7 @@ class Profiles:
         return p, v, a
 
     def _residual(self, p: list[float]) -> float:
-        """Certificate residual of p as the next position; stores its differences as candidates."""
+        """Certificate residual of p as the next position; the finite differences of p are stored as candidates."""
         rate, speeds, changes, fine = self._rate, [], [], True
         for i, x in enumerate(p):
             speed = (x - self.p[i]) * rate

@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 HAND_SPEED = 0.25
 """[m/s] Speed of the target on each axis; the usual limit for machines near people."""
 HAND_ACCELERATION = 0.5
-"""[m/s^2]"""
+"""[m/s^2] Largest acceleration of the smoothed target on each axis."""
 HAND_JERK = 2.0
-"""[m/s^3]"""
+"""[m/s^3] Largest jerk of the smoothed target on each axis."""
 GAIN = 4.0
 """[1/s] Decay rate of the hand's distance from the smoothed target."""
 LEASH = 0.03
@@ -28,7 +28,7 @@ LEASH = 0.03
 FARTHEST = 100.0
 """[m] Largest distance of a target from the hand; a larger one is a mistake, such as millimetres."""
 LATE = 0.1
-"""[s] Least time for the distance from the hand's stopping point to the target; a chair stops late."""
+"""[s] The hand takes at least this long from its stopping point to the target, since a chair stops late."""
 ARRIVED = 1e-4
 """[m] Distance below which the hand has arrived."""
 TINY = 1e-12
@@ -64,7 +64,7 @@ class Reaching:
     def twist(self, q: Array, target: Array, *, last: Array, moving: bool) -> Array:
         """Velocity (3,) [m/s] of the hand in the world frame at joint values q (n,); NaN for invalid numbers.
 
-        last : (n,) last joint velocities, the chair's in its own frame.
+        last : (n,) last joint velocities; those of the chair are in its own frame.
         """
         self.refused = ""
         valid = np.all(np.abs(q) <= MAX_MAGNITUDE) and np.all(np.abs(target) <= MAX_MAGNITUDE)  # NaN fails
@@ -92,7 +92,10 @@ class Reaching:
         return self._in_time(smoother.velocity + self._gain * error, q, last, hand, target)
 
     def _in_time(self, twist: Array, q: Array, last: Array, hand: Array, target: Array) -> Array:
-        """Twist (3,), slowed if the hand, with hardest braking from velocities `last`, would stop too late."""
+        """Twist (3,), slowed so that the hand takes at least `LATE` from its stopping point to the target.
+
+        At the stopping point the hand comes to rest by the hardest braking from the velocities `last` (n,).
+        """
         chain, way = self.robot.chain, target - hand
         seconds = float(np.max(np.abs(last) / chain.acceleration))
         stop, turned = q + seconds / 2 * last, q[2] + seconds / 4 * last[2]  # mean of the chair's motion

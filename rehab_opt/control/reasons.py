@@ -114,7 +114,7 @@ REASONS = (
     Reason("POSTURE_SINGULAR", "no joint moves the tool that way: the posture is singular", "the posture is singular"),
     Reason("OUT_OF_REACH", "the pose is out of reach", "the pose is out of reach"),
 )
-"""In the order of their numbers, which stay the same in later releases."""
+"""Reasons in the order of their numbers, which stay the same in later releases."""
 NUMBER = {reason.name: number for number, reason in enumerate(REASONS)}
 """Number of each reason, by its name."""
 
@@ -153,11 +153,13 @@ NOTES = (
         "THINNED", "no more samples fit: every second one that waited was left out", "every second sample that waited"
     ),
 )
-"""In the order of their numbers (1, 2, 4), which stay the same in later releases; joined with semicolons in Python."""
+"""Notes in the order of their numbers (1, 2, 4), which stay the same in later releases. Python joins several notes
+with semicolons.
+"""
 
 
 def notes_of(reason: str) -> int:
-    """Sum of the numbers of the notes in the reason of a Python `Command`."""
+    """Sum of the numbers of all notes that a Python `Command` has in its reason."""
     return sum(2**i for i, note in enumerate(NOTES) if note.python in reason)
 
 

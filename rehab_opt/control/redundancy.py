@@ -42,7 +42,7 @@ CHASSIS = ("forward", "sideways", "turning")
 LONGEST_TICK = 0.02
 """[s] Longest tick for which the guarantees hold."""
 FASTER = 1e-9
-"""Relative tolerance of a reset velocity to its limit, for rounding."""
+"""A velocity passed to `reset` may exceed its limit by this fraction, for rounding."""
 
 
 class RedundancyResolver(OneThread):
@@ -163,7 +163,7 @@ class RedundancyResolver(OneThread):
 
     @property
     def chassis_velocity(self) -> Array:
-        """(n,) last command, the chair's part in its own frame: forward, left, turn, arm [m/s, rad/s]."""
+        """(n,) last command, with the chair's velocity in its own frame: forward, left, turn, arm [m/s, rad/s]."""
         return self._active.velocity
 
     def reset(self, velocity: ArrayLike | None = None, *, heading: float = 0.0) -> None:
@@ -271,8 +271,8 @@ class RedundancyResolver(OneThread):
     ) -> Instance:
         """QP that `step` would solve now, as numbers, for inspection by any thread.
 
-        The variables are the joint velocities (the chair's in its own frame), and the hand's speeds along and off the
-        command.
+        The variables are the joint velocities, with the chair's velocity in its own frame, and the hand's speeds along
+        the command and off its direction.
         """
         names, world = checked_rows(rows), frame_number(frame)
         joints = real_numbers("q", q, (self.robot.chain.n,))

@@ -1,4 +1,4 @@
-"""Clock of a reference: it waits, slows down and catches up; the path is unchanged."""
+"""Clock that reads a reference: it waits, slows down and catches up; the path of the reference is unchanged."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ THINNED, KEPT = 4096, 2
 CURVED = 0.02
 """[rad] Rotations between samples up to this are interpolated entry by entry, larger ones along the arc."""
 LONGEST = 1.5
-"""Ticks between samples up to which there is no bridge."""
+"""[ticks] Two samples that are further apart are joined by a bridge."""
 JUMP, SPIN = 5.0, 30.0
-"""[m/s, rad/s] Samples that move faster than a hand can: a jump of the tracker, which is bridged."""
+"""[m/s, rad/s] Speeds that no hand reaches: faster samples mean a jump of the motion tracker, which is bridged."""
 ROTATION = [4 * i + j for i in range(3) for j in range(3)]
 """Indices of the rotation's entries in a pose."""
 WINDOW = 12
@@ -36,22 +36,23 @@ SAMPLE = Record(pose=12, twist=6, seconds=1, stamp=1)
 time [s].
 """
 CLOCK = Record(ahead=1, fraction=1, lag=1, lost=1, newest=1)
-"""Number of samples after the current one (-1 without any); fraction of the way to the next one; [s] time that the
-clock needs to the newest sample (bridges included); [s] skipped time of the reference since then; the newest sample's
-stamp.
+"""Number of samples after the current one (-1 without any); fraction of the step to the next one; [s] time from the
+clock to the newest sample, bridges included; [s] time of the reference that was skipped since; the newest sample's
+stamp [s].
 """
 
 
 class ClockStatement:
-    """Functions of a clock, of the `window` samples from the current one on, which arrive `dt` [s] apart; for Python
-    and C.
+    """Functions of a clock, for Python and C.
+
+    They read the `window` samples from the current one on. Samples arrive `dt` [s] apart.
     """
 
     def __init__(self, dt: float, *, window: int = WINDOW) -> None:
         self.dt, self.window = dt, window
 
     def between(self, a: Values, b: Values, share: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Pose (12,) and twist at a fraction of the way from one sample to the next."""
+        """Pose (12,) and twist (6,) at a fraction of the step from sample `a` to sample `b`."""
         pose = a.pose + share * (b.pose - a.pose)
         turn = ca.mmax(ca.fabs(a.pose[ROTATION] - b.pose[ROTATION]))
         curved = ca.logic_or(b.seconds > LONGEST * self.dt, turn > CURVED)
@@ -83,9 +84,9 @@ class ClockStatement:
         return ca.Function("read", [samples, *given], [ca.vertcat(pose, ca.DM([0, 0, 0, 1])), twist])
 
     def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
-        """Number of samples passed in `seconds` of reference time, at most to the newest; and the clock then.
+        """Two results: number of samples passed in `seconds` of reference time, at most to the newest; the new clock.
 
-        `lengths` (window,) [s] are the times between samples. The clock advances only if it `goes`.
+        `lengths` (window,) [s] are the times between samples. The clock advances only if `goes` is true.
         """
         passed, fraction, lag, going = ca.SX(0), clock.fraction, clock.lag, goes
         for i in range(self.window - 1):
@@ -123,9 +124,9 @@ class ClockStatement:
 
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
-        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest and two samples (60,), `CLOCK`.
+        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest, two new samples (60,), `CLOCK`.
 
-        A jump, or a sample with `bridge`, is bridged by a calm motion over a further sample.
+        After a jump, or with `bridge`, a calm motion leads to the new pose and takes a sample of its own.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))
@@ -153,7 +154,9 @@ class ClockStatement:
 class ReferenceClock:
     """Poses that arrive every `dt` [s] and are read at another pace, joined by straight lines and uniform rotations.
 
-    A clock is *current* if it is at the newest sample. The speeds [m/s, rad/s] are those of bridges over jumps.
+    A clock is *current* if it is at the newest sample.
+
+    linear_speed, angular_speed : [m/s, rad/s] speeds of the bridges over jumps.
     """
 
     def __init__(self, dt: float, *, linear_speed: float, angular_speed: float, window: int = WINDOW) -> None:
@@ -210,19 +213,19 @@ class ReferenceClock:
 
     @property
     def now(self) -> tuple[float, ...]:
-        """`CLOCK`."""
+        """Values of `CLOCK`."""
         newest = float(self._table[self._end - 1, SAMPLE["stamp"]])
         return self._end - 1 - self._at, self.fraction, self.lag, self.lost, newest
 
     @property
     def stamp(self) -> float:
-        """Clock [s] in the reference's own time, from the first sample on; interpolated on a bridge."""
+        """Time [s] of the reference that the clock reads, from the first sample on; interpolated on a bridge."""
         at, next_one = self._table[self._at : self._at + 2, SAMPLE["stamp"]].tolist()
         return float(at if self.fraction == 0.0 else at + self.fraction * (next_one - at))
 
     @property
     def behind(self) -> float:
-        """Age [s] of the read sample relative to the arriving one, skipped time included; at least `lag`."""
+        """Time [s] by which the read sample is older than the arriving one, skipped time included; at least `lag`."""
         behind = self._behind
         behind.inputs[0][:], behind.inputs[1][:] = self._table[self._at : self._at + 2].reshape(-1), self.now
         behind.evaluate()
@@ -242,9 +245,9 @@ class ReferenceClock:
         bridge: bool = False,
         thinning: bool = True,
     ) -> None:
-        """Add a sample, one tick (or `seconds`) after the newest; after a jump, or with `bridge`, over a bridge.
+        """Add a sample one tick (or `seconds`) after the newest; a jump, or `bridge`, adds a bridge before it.
 
-        Samples skipped before it count in `behind`. `thinning` limits the number of waiting samples.
+        Samples that were skipped before count in `behind`. `thinning` limits the number of waiting samples.
         """
         self._enlarge(2)
         taken, newest = self._taken, self._end - 1
@@ -260,24 +263,24 @@ class ReferenceClock:
             self._thin()
 
     def extend(self, poses: Array, twists: Array, seconds: Array) -> None:
-        """Add many samples (N, 4, 4), (N, 6) at once, `seconds` (N,) apart, without bridges."""
+        """Add N samples at once, `seconds` (N,) apart, without bridges: poses (N, 4, 4) and twists (N, 6)."""
         stamps = self._table[self._end - 1, SAMPLE["stamp"]] + np.cumsum(seconds)
         self._append(np.column_stack([poses.reshape(-1, 16)[:, :12], twists, seconds, stamps]))
 
     def stand(self, samples: int, fraction: float, lag: float) -> None:
-        """Move the clock on by `samples`, to a `fraction` of the way to the next one and a `lag` [s]."""
+        """Move the clock on by `samples` samples, and set its `fraction` of the next step and its `lag` [s]."""
         self._at, self.passed, self.fraction, self.lag = self._at + samples, self.passed + samples, fraction, lag
         if self._at > 256 and not self._paces:
             self._table[: self._end - self._at] = self._table[self._at : self._end].copy()
             self._end, self._at = self._end - self._at, 0
 
     def go_on(self, samples: int, fraction: float, seconds: float) -> None:
-        """Move the clock on as `stand`, with a step [s] of reference time."""
+        """Move the clock on as `stand` does; the lag falls by `seconds` of reference time."""
         self.stand(samples, fraction, self.lag - seconds)
         self.lag = 0.0 if self.current else self.lag
 
     def preview(self, *, linear_speed: float, angular_speed: float) -> Preview:
-        """Samples from the current one on, for a preview with these largest speeds [m/s, rad/s]."""
+        """Preview of the samples from the current one on, with these largest speeds [m/s, rad/s]."""
         samples = self._table[self._at : self._end]
         poses = np.tile(np.eye(4), (len(samples), 1, 1))
         poses[:, :3] = samples[:, :12].reshape(-1, 3, 4)
@@ -313,8 +316,9 @@ class ReferenceClock:
         return self._paces[self._at] if self._paces else math.inf
 
     def slow_ahead(self, *, linear_speed: float, angular_speed: float, quickening: float) -> None:
-        """Compute the largest pace at each sample, falling by at most 1 in `quickening` seconds, that keeps these
-        speeds.
+        """Compute the largest pace at each sample that keeps the reference within these speeds.
+
+        The pace falls by at most 1 in `quickening` seconds.
         """
         motion = self._table[: self._end, 12:18]
         fastest = np.maximum(
@@ -340,7 +344,7 @@ class ReferenceClock:
             self._table = np.concatenate([self._table, np.zeros((end, SAMPLE.size))])
 
     def _thin(self) -> None:
-        """Leave out every second waiting sample, but not its time."""
+        """Remove every second waiting sample, and add its time to the next one."""
         seconds, first = self._table[:, SAMPLE["seconds"]], self._at + KEPT
         gone = np.arange(first, self._end - 1, 2)
         seconds[gone + 1] += seconds[gone]

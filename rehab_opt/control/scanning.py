@@ -80,7 +80,7 @@ class Scanning(OneThread):
         self._give_away()
 
     def step(self, pressure: float) -> StickCommand:
-        """User's current command from a pressure: 0 to 1 of a puff or switch, 0 to -1 of a sip; NaN is no press."""
+        """The user's command at a pressure: 0 to 1 for a puff or switch, 0 to -1 for a sip; NaN counts as no press."""
         if self._owner != get_ident():
             self._claim()
         way, reason = self._pressed(pressure)

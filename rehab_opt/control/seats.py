@@ -22,20 +22,20 @@ TURN_LENGTH = 0.1
 NEAR, TURNED = 1e-3, math.radians(1.0)
 """[m, rad] Tolerance of a reached pose; stricter than that of the later measurement."""
 ABOVE = 1.05
-"""Factor on the floor above which a posture counts as above it; a reserve for the tracker's barrier."""
+"""A posture counts as above the floor if w / w_max exceeds the floor by this factor, a reserve for the tracker."""
 STARTS = 1.01
 """Factor on the floor for a start posture, so that rounded printed values are above the floor, too."""
 HEAVY = 3.0
-"""[m] Weight of w / w_max below the floor relative to the hand's position."""
+"""[m] Weight of a shortfall of w / w_max below the floor, relative to an error of the hand's position."""
 WOUND = 4 * math.pi
-"""[rad] Largest excess of a walk over the limits of a joint with more than a full turn."""
+"""[rad] On a walk, a joint with a range of more than a full turn may pass its limits by this much."""
 DAMPING, ROUNDS, STRIDE = 1e-4, 4, 0.25
 """Damping of a step [m^2], steps per pose, and largest step [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """M walks along N poses.
+    """M walks, each a sequence of postures along N poses.
 
     Parameters
     ----------

@@ -36,8 +36,8 @@ class Smoother(OneThread):
     """Follow targets with every axis inside its position, velocity, acceleration and jerk bounds.
 
     Each axis moves as fast as its own bounds allow, unless `straight`. A target outside the position bounds is clipped.
-    If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. Only
-    if `reset` sets an axis too fast before a position bound, that bound is relaxed and flagged.
+    If the smoother is disabled, the target invalid or its stamp stale, all axes stop as fast as the bounds allow. A
+    position bound is relaxed, and flagged, only if `reset` sets an axis too fast to stop before it.
 
     Parameters
     ----------

@@ -21,7 +21,9 @@ __all__ = ["SmoothPath", "smooth_path"]
 Array = NDArray[np.float64]
 
 LONGEST, GRADE, EVEN, NEAR = 12.0, 0.2, 9, 0.95
-"""Spacing of control points: jerk times cubed distance over tolerance; growth; averaging width; margin."""
+"""Control points are spaced in time: largest jerk * spacing^3 / tolerance; largest growth of the spacing, in s per s;
+number of spacings that are averaged; used fraction of the tolerance.
+"""
 MAX_TICKS = 10_000_000  # of a path: close to three hours at 1 kHz
 
 

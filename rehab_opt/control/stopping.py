@@ -55,7 +55,7 @@ class VelocityBounds(NamedTuple):
     outside: ca.SX
     """1 if any joint is beyond its limit."""
     hard_lower: ca.SX
-    """Bounds without acceleration: speed, and no motion beyond, or further beyond, a position limit in this tick."""
+    """Bounds without accelerations: the speed limit, and no motion beyond (or further beyond) a position limit."""
     hard_upper: ca.SX
 
     @property
@@ -75,7 +75,8 @@ def velocity_bounds(
 ) -> VelocityBounds:
     """Intervals of the joint velocities that are held until the next tick.
 
-    From every state that can still stop, all bounds hold together and the next state can stop again, at any dt.
+    From every state in which the joints can still stop, all bounds can be satisfied together, and the joints can stop
+    in the next state, too, at any dt.
 
     Parameters
     ----------
@@ -91,14 +92,14 @@ def velocity_bounds(
     above, below = room_up < -OUTSIDE, room_down < -OUTSIDE
     back, rate = recovery_speed * speed, min(1 / dt, approach)
 
-    # Hard: speed, and in this tick not beyond the limit; outside it not further out and not faster back than `back`.
+    # Hard: the speed limit, and no motion beyond a position limit. From outside, a joint returns at most at `back`.
     hard_upper = clipped(room_up * (1 / dt), 0, ca.if_else(below, back, speed))
     hard_lower = -clipped(room_down * (1 / dt), 0, ca.if_else(above, back, speed))
     # Then acceleration, as far as the hard interval allows it.
     brake_lower = clipped(last - change, hard_lower, hard_upper)
     brake_upper = clipped(last + change, hard_lower, hard_upper)
-    # Then a speed from which the joint still stops at its limit, or the return, at whose end it can stop, too:
-    # one of a joint's two speeds is zero.
+    # Then the speed from which the joint can still stop at its limit, plus the return speed, at whose end the joint can
+    # stop, too. One of these two is zero.
     can_stop_up, can_stop_down = (
         ca.fmin(stopping_speed(room, change, dt), gentle_speed(room, change / dt, approach))
         for room in (room_up, room_down)
@@ -124,7 +125,7 @@ def max_change(chain: SerialChain, dt: float) -> ca.DM:
 
 
 def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
-    """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within `room`.
+    """Largest speed for one tick after which the joint, slowing by `change` a tick, stops within the distance `room`.
 
     A speed v is held for dt, then v - change and so on, for k = floor(v/change) further ticks. The stopping distance is
     dt ((k + 1) v - change k (k + 1)/2); this function inverts the relation.
@@ -137,7 +138,8 @@ def stopping_speed(room: ca.SX, change: ca.DM, dt: float) -> ca.SX:
 def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
     """Largest speed towards a limit at which a delayed servo does not overshoot the limit.
 
-    Near the limit the speed is `approach` times the room; further away it is the parabola of the deceleration `GENTLE`.
+    Near the limit the speed is `approach` times the distance `room`. Further away it follows the braking parabola for
+    `GENTLE` times the acceleration.
     """
     if approach == math.inf:
         return ca.SX.inf(room.shape)
@@ -151,7 +153,7 @@ SLACK = 1.1
 FARTHEST = 0.2
 """[rad, m] Largest motion of the stop posture in a tick, since limits are tangents there."""
 LATER = 0.3
-"""[s] A velocity off the command decays to zero within this time plus T / 1.1."""
+"""[s] A velocity off the command's direction decays to zero within this time plus T / 1.1."""
 
 
 class BrakingTogether:
@@ -165,7 +167,7 @@ class BrakingTogether:
     Braking does not move z: after a tick q + dt u + T (1 - dt/T) u = z. A controller that satisfies its limits at z and
     on the way from q to z can therefore always brake without violating them, within every joint's acceleration.
 
-    moving : numbers, from 0, of the joints that can move; others do not affect T.
+    moving : indices of the joints that can move; others do not affect T.
     """
 
     def __init__(self, chain: SerialChain, dt: float, *, moving: Sequence[int]) -> None:
@@ -187,7 +189,7 @@ class BrakingTogether:
         return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Largest remaining fraction of a velocity off the command, which vanishes within T / 1.1 + `LATER`."""
+        """Largest fraction that may remain, after a tick, of a velocity off the command's direction; see `LATER`."""
         return ca.fmin(self._left, 1 - self._part * _taken_away(velocity, self.change))
 
 

@@ -71,7 +71,7 @@ class VelocityController(OneThread, ABC):
     subclass's `step` writes the inputs into `_views`, or through `_write`, and calls `_tick`. The command is
     `memory[command_slice]`, by default the last velocity; `memory[wheels]` are wheel speeds.
 
-    The controller acts on the joints' commanded positions; measurements supervise them, see `FrontEnd`.
+    The controller computes with commanded joint positions; measurements only supervise them, see `FrontEnd`.
     """
 
     chain: SerialChain = setting()
@@ -113,7 +113,7 @@ class VelocityController(OneThread, ABC):
             self.stated, solver=solver, backup=backup, tolerance=tolerance, compile=compile, tick=self.functions.tick
         )
         self._inside = solver == FUSED and not solvers.is_recorded()
-        """Whether the QP is solved inside the tick; a recorder needs the QP alone."""
+        """Whether the QP is solved inside the tick's function; for a recorder, the QP is solved on its own."""
         self._function, n = solvers.function, chain.n
         (parameters, everything, given), (after, verdict, told) = self._function.inputs, self._function.outputs
         own = everything[self.stated.state_size :]
@@ -149,15 +149,15 @@ class VelocityController(OneThread, ABC):
     requirement: ClassVar[str] = ""
     """Text for unmet requirements of the statement."""
     command_slice: slice | None = None
-    """Part of the memory (n,) with the command; None for the last velocity."""
+    """Slice of the memory that holds the command (n,); None for the last velocity."""
     wheels: slice | None = None
-    """Part of the memory with wheel speeds; None without wheels."""
+    """Slice of the memory that holds wheel speeds; None without wheels."""
     motion: slice | None = None
-    """Part of the memory, after velocity and position, that is zero at rest; None for all of it."""
+    """Slice of the memory, after velocity and position, that is zero at rest; None for everything after them."""
     names_what_blocks: ClassVar[bool] = False
-    """Whether the report ends with the reason, and the joint, of a command that delivers nothing."""
+    """Whether the report ends with the reason why a command delivers nothing, and the joint that blocks it."""
     base: ClassVar[int] = 0
-    """Number of first joints that are the position of a base, see `FrontEnd`."""
+    """Number of leading joints that are the position of a mobile base, see `FrontEnd`."""
     watched: ClassVar[bool] = True
     """Whether there is a `FrontEnd`; False for joints that are exactly at their commanded positions."""
 
@@ -167,7 +167,7 @@ class VelocityController(OneThread, ABC):
         return judged_memory(self.chain.n, self.led.size if self.led else 0)
 
     functions: VelocityTick
-    """Functions of a tick, built once for all controllers with equal parts."""
+    """Functions of a tick, built once for all controllers with equal settings."""
 
     def _functions(self) -> VelocityTick:
         stated, n = self.stated, self.chain.n
@@ -203,7 +203,7 @@ class VelocityController(OneThread, ABC):
         )  # fmt: skip
 
     def report(self, last: ca.SX, velocity: ca.SX, delivered: ca.SX, commanded: ca.SX, outside: ca.SX) -> ca.SX:
-        """Number of `Relaxed`, and `delivered_fraction` of the reference motion.
+        """Flags of `Relaxed` as a number, and `delivered_fraction` of the reference motion.
 
         `delivered` and `commanded` are twists with equal weights; `outside` means that a joint is beyond its limit.
         """
@@ -215,7 +215,7 @@ class VelocityController(OneThread, ABC):
 
     @cached_property
     def hurried(self) -> ca.Function:
-        """Function: whether joints change from one velocity (n,) to another beyond their accelerations."""
+        """Function: last velocity (n,), velocity (n,) -> whether the change exceeds an acceleration limit."""
         last, velocity = ca.SX.sym("last", self.chain.n), ca.SX.sym("velocity", self.chain.n)
         faster = ca.sum1(ca.fabs(velocity - last) > max_change(self.chain, self.dt) * (1 + 1e-9) + 1e-12) > 0
         return ca.Function("hurried", [last, velocity], [faster])
@@ -225,7 +225,7 @@ class VelocityController(OneThread, ABC):
         return ca.vertcat(velocity, q + velocity * self.dt)
 
     def memory_after(self, q: ca.SX, last: ca.SX, velocity: ca.SX) -> ca.SX:
-        """Memory after a tick of the fallback command at q, after the last velocity."""
+        """Memory after a tick at q (n,) with the fallback command `velocity` (n,), which follows `last` (n,)."""
         return self.remember(q, velocity)
 
     @abstractmethod
@@ -233,11 +233,11 @@ class VelocityController(OneThread, ABC):
         """Function: q, memory -> memory after the fallback command, and its report."""
 
     def fallback_law(self) -> ca.Function | None:
-        """Function for when every solver failed: parameters, memory -> report, memory, violation; or None."""
+        """Function for use if every solver fails: parameters, memory -> report, memory, violation; or None."""
         return None
 
     def beginning(self) -> ca.Function:
-        """Function: current velocity (n,) -> state without other history; whether the joints may be that fast."""
+        """Function: current velocity (n,) -> initial state, whether the joints may be that fast."""
         velocity = ca.SX.sym("velocity", self.chain.n)
         lower, upper = np.maximum(self.chain.lower, -MAX_MAGNITUDE), np.minimum(self.chain.upper, MAX_MAGNITUDE)
         n, memory, nothing = self.chain.n, int(self.stated.memory.numel()), ca.SX.zeros
@@ -248,9 +248,9 @@ class VelocityController(OneThread, ABC):
         return ca.Function("begin", [velocity], [ca.densify(known), possible])
 
     def stopping(self) -> ca.Function:
-        """Function: parameters, state -> state after the fallback command; relaxed bounds, whether it moves; q (n,).
+        """Function: parameters, state -> state after the fallback command, [relaxed bounds, whether it moves], q (n,).
 
-        The last valid position replaces an invalid one, and the warm start is discarded.
+        An invalid position is replaced by the position in memory. The warm start is discarded.
         """
         stated, n, brake = self.stated, self.chain.n, self.braking()
         p, state = ca.MX.sym("p", stated.parameter_size), ca.MX.sym("state", stated.state_size)
@@ -269,8 +269,9 @@ class VelocityController(OneThread, ABC):
         return ca.Function("stopping", [p, state], [ca.vertcat(start, after), said, q])
 
     def faulty(self) -> ca.Function:
-        """Function: parameters, whether they are valid -> why no answer is certified: reason, input and element (from
-        0, or -1).
+        """Function: parameters, whether they are valid -> why no answer is certified.
+
+        The output holds the number of the reason, and the indices of the input and its element; -1 for none.
         """
         p, valid = ca.SX.sym("p", self.stated.parameter_size), ca.SX.sym("valid")
         where = [(i, k) for i, each in enumerate(self.stated.parameters) for k in range(each.numel())]
@@ -338,7 +339,7 @@ class VelocityController(OneThread, ABC):
         return _new(Command, (value, _OK, _SOLVERS[who], residual, -1, "", _BOUNDS[relaxed], scale, wheels))
 
     def _judged(self) -> str:
-        """Check the state once in a tick; return the reason why it is invalid, or nothing."""
+        """Check the state once in a tick; return the reason why it is invalid, or an empty text."""
         self._judge.inputs[0][:] = self._q
         self._judge.evaluate()
         self._q[:], self._solvers.memory[:], self._judge.inputs[2][:] = self._judge.outputs
@@ -404,7 +405,7 @@ class VelocityController(OneThread, ABC):
 
 
 def real_numbers(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """`value` as an array of that shape; an integer too large for a float becomes infinite."""
+    """`value` as an array of the given shape; an integer too large for a float becomes infinite."""
     expected = f"real numbers of shape {shape}"
     try:
         array = real_array(value)

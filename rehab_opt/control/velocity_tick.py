@@ -37,9 +37,9 @@ REPORT = Record(
     left=1, residual=1, solver=1, relaxed=1, scale=1, unusual=1, status=1, reason=1, input=1, element=1, details=2,
     note=1,
 )  # fmt: skip
-"""Remaining work for a command; its residual, solver, relaxed bounds and fraction of the task; a flag that is zero for
-a plain OK. The rest matters only if the flag is set: status (index in `NUMBERED`), number of the reason, the input and
-element that the reason is about (-1 for none), its details, and the sum of the notes.
+"""Work that remains for a command; residual; solver; relaxed bounds; delivered fraction of the task; a flag that is
+zero for a plain OK. The rest matters only if the flag is set: status (index in `NUMBERED`), number of the reason, the
+input and element that the reason is about (-1 for none), details of the reason, and the sum of the notes.
 """
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
 """Remaining work: none; an answer by another solver, or by a cold start; the fallback command."""
@@ -54,7 +54,7 @@ class VelocityTick(NamedTuple):
     judge: ca.Function
     """See `judged_state`."""
     tick: ca.Function
-    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `REPORT`; solved inside the function."""
+    """Parameters, state, `GIVEN` -> state, verdict of `fused`, `REPORT`; this function solves the QP itself."""
     finish: ca.Function
     """Parameters, state, `GIVEN`, the QP's answer (a state of `fused`) and verdict -> state, `REPORT`, positions (n,).
 
@@ -66,7 +66,7 @@ def velocity_tick(
     stated: Statement, judge: ca.Function, record: Record, *, stop: ca.Function, faulty: ca.Function,
     law: ca.Function | None, hurried: ca.Function, tolerance: float, named: bool = False,
 ) -> VelocityTick:  # fmt: skip
-    """Functions of a controller.
+    """Functions of a controller's tick.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _columns(*sizes: int) -> list[ca.SX]:
 
 
 def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Function) -> ca.SX:
-    """`relaxed`, plus accelerations for joints that restarted at rest, see `judged_state`."""
+    """`relaxed`, with accelerations added if joints restarted at rest and jumped in velocity; see `judged_state`."""
     if not own.before.numel():
         return relaxed
     there = below(relaxed, 2 * int(Relaxed.ACCELERATION)) >= int(Relaxed.ACCELERATION)

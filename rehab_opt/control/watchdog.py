@@ -27,8 +27,8 @@ SLOWEST = 1.5
 SHORTEST_TICK = 1e-9
 """[s] Shortest tick; cubes of rates overflow for much shorter ones."""
 STAMPS = Record(last=1, lag=1, stamped=1, ahead=1)
-"""State of the stamps: last stamp [s], lag behind the ticks [s], whether there was a stamp, lead over `SLOWEST` ticks
-[s]. Initially NaN, 0, 0, 0.
+"""State of the stamps: last stamp [s], lag behind the ticks [s], whether there was a stamp, lead [s] over stamps that
+advance by `SLOWEST` dt a tick. Initially NaN, 0, 0, 0.
 """
 NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 """Kinds of stamps."""
@@ -40,7 +40,7 @@ def default_max_age(dt: float) -> float:
 
 
 def stamp_and_kind(stamp: object) -> tuple[float, int]:
-    """Time stamp as a float [s], NaN for another type, and its kind."""
+    """Time stamp as a float [s], and its kind; the float is NaN for a stamp of another type."""
     if stamp is None:
         return math.nan, NO_STAMP
     try:
@@ -58,7 +58,7 @@ class Judged(NamedTuple):
     """Verdict of a watchdog on one stamp."""
 
     memory: ca.SX
-    """`STAMPS`"""
+    """`STAMPS` after this stamp."""
     reason: ca.SX
     """Number of the reason why the state is invalid; 0 if it is valid."""
     details: ca.SX
@@ -124,11 +124,11 @@ def watched() -> ca.Function:
 
 
 class Watchdog(OneThread):
-    """Detect repeated, reversed, missing and delayed time stamps; to be called (`check`) once per tick.
+    """Detect repeated, reversed, missing and delayed time stamps; call `check` once per tick.
 
     The watchdog reads no clock. If stamps advance by less than the ticks, the accumulated lag is compared with
-    `max_age`. Stamps that jump back by more than `max_age` mean a restarted stream, which is one fault. Stamps that run
-    ahead of 1.5 times the ticks by more than `max_age` mean a loop slower than `dt`.
+    `max_age`. Stamps that jump back by more than `max_age` mean a restarted stream, which counts as one fault. If the
+    stamps advance by more than 1.5 dt a tick, and the excess adds up to `max_age`, the loop is slower than `dt`.
 
     Parameters
     ----------

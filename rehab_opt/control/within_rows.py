@@ -9,11 +9,11 @@ from rehab_opt.optim.qrqp import qrqp
 __all__ = ["LEAVING", "within_rows"]
 
 LEAVING = 10.0
-"""[m^2/s^2] Weight of regaining a margin."""
+"""[m^2/s^2] Weight of the rate s at which a margin is regained."""
 
 
 def within_rows(n: int, m: int) -> ca.Function:
-    """Function: H, u (n,), slopes, away, upper (m,), least, most (n,) -> x nearest to u within rows and interval.
+    """Function: H, u (n,), slopes, away, upper (m,), least, most (n,) -> x (n,) nearest to u within rows and interval.
 
     min |x - u|_H^2 + LEAVING (1 - s)^2  s.t. away s - slopes x <= upper, least <= x <= most, 0 <= s <= 1
     """
