@@ -32,7 +32,7 @@ def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
 
 
 def per_axis(argument: str, value: ArrayLike) -> Array:
-    """(2,) from one or two numbers, not negative."""
+    """(2,) one number per axis, from one or two numbers that are not negative."""
     array = checked_array(argument, value, "one or two numbers")
     if array.shape not in ((), (1,), (2,)):
         raise ConfigurationError(argument, value, "one or two numbers")
@@ -66,7 +66,7 @@ def path_stiffness(value: Any, given: Sequence[Array], paths: Sequence[SampledPa
 
 
 def as_point(x: ArrayLike) -> Array:
-    """(2,) one point."""
+    """`x` as one point (2,)."""
     point = as_points(x)
     if point.shape != (2,):
         raise ConfigurationError("x", point.shape, "a point (2,) in metres")
@@ -74,7 +74,7 @@ def as_point(x: ArrayLike) -> Array:
 
 
 def as_points(x: ArrayLike) -> Array:
-    """(2,) one point, (N, 2) several."""
+    """`x` as one point (2,) or several (N, 2)."""
     expected = "points (2,) or (N, 2) in metres"
     points = checked_array("x", x, expected)
     if points.ndim not in {1, 2} or points.shape[-1] != 2:

@@ -20,7 +20,7 @@ DragAlong = Literal["remaining", "travelled"]
 
 
 def rest_point(paths: Sequence[SampledPath], along: DragAlong, width: float) -> Array | None:
-    """(2,) [m] target of a field on these paths: the mean of their ends, or of their starts for travelled length.
+    """(2,) [m] target of a field: the mean of the paths' ends, or of their starts if drag is `along` "travelled".
 
     None if every path is a point, which is its own target.
 
@@ -53,7 +53,7 @@ def assembled(
     target: Array | None,
     most: int = MOST,
 ) -> Samples:
-    """Samples of a field, linear in each path's `offsets` (m,) [J] and `stiffness` (m, 2) [N/m].
+    """Samples of a field; they are linear in each path's `offsets` (m,) [J] and `stiffness` (m, 2) [N/m].
 
     `target` is the field's `rest_point`, or None for the published field, which is not continued.
     """

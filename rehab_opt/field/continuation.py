@@ -4,14 +4,15 @@ Eq. (17) averages over the samples near a point, and at the end of a path all of
 back with about 0.4 S sigma there, and rests about one sigma short of its target. Continued by its own reflection
 through the end, the path has samples on both sides:
 
-- at the end where the field rests, a reflected sample has the phi_0 of its original. The field is symmetric there, and
-its gradient at the end is zero for any path;
+- at the end where the field rests, a reflected sample has the energy offset phi_0 of its original. The field is
+symmetric there, and its gradient at the end is zero for any path;
 - at the other end phi_0 is continued as an odd function, so that the drag there is that of the path.
 
-Where the field rests, phi_0 of the reflected samples is raised by 1/2 d'Sd - a u, with d measured from the end and u
-along the path. This brings a hand that overshoots back to the target; a keeps the force along the path zero there.
-Across a curved path some tenths of a newton remain, which a linear term (`lean`) of the reflected samples cancels. At
-the other end phi_0 is raised from two sigma beyond the end, where it no longer pulls backwards on the path itself.
+Where the field rests, phi_0 of the reflected samples is raised by 1/2 d^T S d - a u, with d measured from the end and u
+along the path. This brings a hand that overshoots back to the target; the factor a is chosen so that the force along
+the path stays zero there. Across a curved path some tenths of a newton remain, which a linear term (`lean`) of the
+reflected samples cancels. At the other end phi_0 is raised only from two sigma beyond the end on, so that it does not
+pull a hand on the path backwards.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 REACH = 6.0
 """[sigma] Samples further from an end are not reflected; their relative weight there is below exp(-18) = 1.5e-8."""
 AWAY = 2.0
-"""[sigma] Distance beyond the end without rest from which the field brings a hand back."""
+"""[sigma] Beyond the end where the field does not rest, the field brings a hand back from this distance on."""
 SAME = 1e-9
 """[sigma] A sample nearer to the end than this is its own reflection."""
 
@@ -44,11 +45,11 @@ class PathEnd(NamedTuple):
     offset: float | None
     """phi_0 [J] at the end for an odd continuation, or None for an even one."""
     held: bool
-    """Whether the field brings a hand beyond the end back."""
+    """Whether the field brings back a hand that is beyond the end."""
 
 
 def at_rest(samples: Samples, target: Array, width: float) -> Samples:
-    """`samples` and their even reflection, with no force at `target` (2,)."""
+    """`samples` joined with their even reflection through `target` (2,), so that the force there is zero."""
     mirrored = reflected(samples, PathEnd(target, None, held=True), width)
     if not len(mirrored.points):
         return samples

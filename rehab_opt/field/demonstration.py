@@ -17,7 +17,7 @@ __all__ = ["Demonstration", "check_agreement", "check_closeness", "check_units"]
 
 Array = NDArray[np.float64]
 PLACES = 100
-"""Number of compared points, at equal fractions of both lengths."""
+"""Number of points at which two paths are compared, at equal fractions of their lengths."""
 TURNED = 0.1
 """A demonstration counts as reversed if reversal brings it nearer to the path by more than this fraction of the length.
 (A reversed straight line comes nearer by a half, a circle by a fifth, a there-and-back path not at all.)"""
@@ -27,7 +27,7 @@ WEAKEST, STRONGEST = 0.1, 1e3
 SLOWEST = 1e-3
 """[m/s] smallest accepted peak speed of a movement."""
 SPAN = 0.04
-"""[s] interval of the position differences that give velocities."""
+"""[s] Interval of the differences of positions from which velocities are computed."""
 
 
 @dataclass(frozen=True, eq=False)

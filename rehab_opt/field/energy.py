@@ -1,8 +1,9 @@
 """The field's energy and force as one expression over its samples: Eqs. (15)-(20), Rossa et al.
 
-With d = x - x_j and omega_j = exp(log_weight_j - |d|^2 / (2 sigma^2)), normalised,
+Sample j, at x_j, has the energy offset phi_0j, the slope lean_j and the stiffness S_j. With d = x - x_j and the
+normalised weights omega_j = exp(log_weight_j - |d|^2 / (2 sigma^2)),
 
-    Phi = sum_j omega_j phi_j,                phi_j = phi_0j + lean_j'd + 1/2 d'S_j d
+    Phi = sum_j omega_j phi_j,                phi_j = phi_0j + lean_j^T d + 1/2 d^T S_j d
     -grad Phi = -sum_j omega_j (lean_j + S_j d) + 1/sigma^2 sum_j omega_j (phi_j - Phi) d
 
 The largest exponent is subtracted first, so that one weight is always 1; far from every sample the printed Eq. (16) is
@@ -42,7 +43,7 @@ ABSENT = -1e300
 class Kernel(NamedTuple):
     """Write `point` (2,) [m], call `function.evaluate`, read `energy` (1,) [J] and the elastic `force` (2,) [N].
 
-    These are memory views, which take half of numpy's time to write and read.
+    The fields are memory views, which take half of numpy's time to write and read.
     """
 
     point: Any
@@ -66,7 +67,7 @@ def field_kernel(samples: Samples, width: float, *, compile: Compile = None) -> 
 
 
 def energies_and_forces(kernel: Kernel, points: NDArray[np.float64]) -> tuple[Any, Any]:
-    """(N,) Phi [J] and (N, 2) -grad Phi [N] at `points` (N, 2)."""
+    """Two results at `points` (N, 2): energy Phi (N,) [J] and force -grad Phi (N, 2) [N]."""
     energies, forces = np.empty(len(points)), np.empty((len(points), 2))
     for i, (x, y) in enumerate(points.tolist()):
         kernel.point[0], kernel.point[1] = x, y
@@ -84,7 +85,7 @@ def stiffness_at(samples: Samples, width: float, point: NDArray[np.float64]) -> 
 
 
 def arranged_samples(samples: Samples, *, compile: Compile = None) -> tuple[NDArray[np.float64], bool]:
-    """Table of the samples for `field_function_in_blocks` (flag true) or for `field_function` (false)."""
+    """Two results: table of the samples; True if it is for `field_function_in_blocks`, False for `field_function`."""
     if how(compile) == "no":  # the virtual machine is better at few operations on long columns
         return field_table(samples)[: len(samples.points)], False
     return field_table(samples).T, True
@@ -98,7 +99,7 @@ def field_table(samples: Samples) -> NDArray[np.float64]:
 
 
 def field_function(size: int) -> ca.Function:
-    """From x (2,), samples (size, 8) and 1 / sigma^2: energy [J], elastic force (2,) [N].
+    """Function (x (2,), samples (size, 8), 1 / sigma^2) -> (energy [J], elastic force (2,) [N]).
 
     Columns of the samples: x, y [m], phi_0 [J], log weight, diagonal of S [N/m], lean [N].
     """

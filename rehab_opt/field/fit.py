@@ -1,4 +1,4 @@
-"""Quality of a field's fit to demonstrations, and the parameters that these leave undetermined."""
+"""Quality of a field's fit to demonstrations, and the parameters that the demonstrations leave undetermined."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ Array = NDArray[np.float64]
 WEAK = 1e-3
 """Fraction of the largest singular value; parameter directions with a smaller one are undetermined."""
 PARTS = 8
-"""Parts of a demonstration, a few tenths of a second each; errors in different parts count as independent."""
+"""Number of parts of a demonstration, each a few tenths of a second long. Errors in different parts count as
+independent."""
 TAKES_PART = 0.3
-"""A parameter is named as undetermined if its component of an undetermined direction exceeds this."""
+"""A parameter counts as undetermined if its component in an undetermined direction exceeds this."""
 
 
 class Fit(NamedTuple):
@@ -43,11 +44,11 @@ class Fit(NamedTuple):
     chosen_on_held_out: bool
     """Whether the width was chosen by the held-out error, which is then a little too small."""
     constant_stiffness_error: float
-    """[N] error on the same demonstrations of the best constant spring and damper to the nearest point of the path."""
+    """[N] Error of the best constant spring to the nearest path point and damper, on the same demonstrations."""
     singular_values: Array
-    """Singular values of the map from parameters, each scaled by its largest effect, to the recorded forces."""
+    """Singular values of the matrix from parameters to recorded forces, whose columns are scaled to unit length."""
     condition: float
-    """Largest over smallest singular value."""
+    """Ratio of the largest to the smallest singular value."""
     unidentified: tuple[str, ...]
     """Parameters that the data leave undetermined, alone or in combination; their values mean nothing."""
     rest_stiffness: float
@@ -71,11 +72,13 @@ class Identified(NamedTuple):
 
 
 def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequence[int]) -> Identified:
-    """From a design (rows, n) and its residuals (rows,) [N]; `lengths` are the rows of each demonstration.
+    """Identifiability from a regression matrix `design` (rows, n) and its residuals `errors` (rows,) [N].
+
+    `lengths` are the numbers of rows of the demonstrations.
 
     Hands sway for tenths of a second, so the errors of neighbouring samples are correlated. Each demonstration is
-    therefore cut into parts, each a cluster of correlated errors (Liang and Zeger, Biometrika 1986). The larger of this
-    standard error and that of independent samples counts.
+    therefore cut into parts, each a cluster of correlated errors (Liang and Zeger, Biometrika 1986). The result is the
+    larger of this standard error and that for independent samples.
     """
     sizes = np.linalg.norm(design, axis=0)
     silent = sizes <= 1e-12 * sizes.max(initial=1e-300)

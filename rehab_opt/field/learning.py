@@ -51,7 +51,7 @@ class Solution(NamedTuple):
 
 
 class FitProblem(NamedTuple):
-    """min mean |design theta - forces|^2,  theta >= 0,  along theta >= 0."""
+    """QP over parameters theta: min mean |design theta - forces|^2, subject to theta >= 0, along theta >= 0."""
 
     design: Array
     """(rows, n)"""
@@ -109,9 +109,9 @@ def learnt_field(
         min   mean |F(x, v) - F_recorded|^2
         s.t.  S >= 0, k1 >= 0, D >= 0, t_j . F(x_j) >= 0 at the path's samples x_j
 
-    The last constraint is on the force itself, because with a falling phi_0 alone the stiffness can still pull
-    backwards. It leaves out samples nearer to the target than the spread of the paths' ends, because a path that ends
-    beyond the target needs a force back to it.
+    The last constraint is on the force itself: although phi_0 falls along the path, the stiffness can pull a hand
+    backwards. The constraint leaves out samples nearer to the target than the spread of the paths' ends, because a path
+    that ends beyond the target needs a force back to it.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _error(field: PotentialField) -> float:
 
 
 def force_columns(paths: Sequence[SampledPath], width: float, points: Array, *, rest_on_target: bool) -> Array:
-    """(N, 2, 3) [N] force at points (N, 2) for each of `NAMES` at one and the others at zero; zero for D."""
+    """(N, 2, 3) [N] forces at points (N, 2) if one parameter of `NAMES` is one and the others zero; zero for D."""
     target = rest_point(paths, "remaining", width) if rest_on_target else None
     forces = np.zeros((len(points), 2, len(NAMES)))
     for column, (stiffness, drag) in enumerate(((1.0, 0.0), (0.0, 1.0))):
@@ -254,7 +254,7 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
 
 
 def _along_path(task: Task, paths: Sequence[SampledPath], width: float) -> Array:
-    """(m, 3) [N] force along the path at its samples, for each of `NAMES` at one and the others at zero."""
+    """(m, 3) [N] forces along the path at its samples if one parameter of `NAMES` is one and the others zero."""
     points = np.concatenate([path.points for path in paths])
     tangents = np.concatenate([path.tangents for path in paths])
     ends = np.array([path.points[-1] for path in paths])

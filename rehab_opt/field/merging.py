@@ -1,8 +1,8 @@
 """Merge samples: those in one small cell become one at their centroid.
 
-A sample at offset delta from its centroid, which lies at distance vector d from x, has the centroid's weight times
-exp((d.delta - |delta|^2 / 2) / sigma^2). The deltas of a group have mean zero, so the error of its total weight is of
-second order.
+Let d be the vector from a centroid to x, and delta the offset of a sample from the centroid. At x the sample has the
+centroid's weight times exp((d.delta - |delta|^2 / 2) / sigma^2). The offsets of a group have mean zero, so the error of
+its total weight is of second order.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ Array = NDArray[np.float64]
 MOST = 1000
 """Largest number of samples that are not merged; they take about 25 us in compiled code."""
 FINEST, COARSEST = 64, 8
-"""Largest and smallest number of cells per sigma; `MOST` decides between them."""
+"""Largest and smallest number of cells per sigma. The largest one that gives at most `MOST` samples is
+used, else the smallest."""
 
 
 def merged(samples: Samples, width: float, most: int = MOST) -> Samples:
-    """About `most` samples or fewer, merged in the smallest cells that suffice; unchanged if there are few.
+    """Merge more than `most` samples in the smallest cells that leave about `most` or fewer.
 
     Their `lean` must be zero.
     """

@@ -31,15 +31,15 @@ SAMPLES_PER_WIDTH = 4
 WIDEST = 1.0
 """[m] Largest width; a larger one is in millimetres."""
 FLAT = 1e-6
-"""Fraction of the stiffness; a negative curvature of this size is rounding."""
+"""A negative curvature up to this fraction of the stiffness is rounding."""
 
 
 class PotentialField:
     """Energy Phi(x) and force F(x, v) = -grad Phi - D v that lead a hand along demonstrated paths.
 
-    phi_0 grows with the square of a length along the path. With the remaining length the drag k1 leads to the target
-    (Eq. 21). With the travelled length it resists the motion towards the target, most at the target. (With the
-    published k1 < 0 and the remaining length, the resistance falls towards the target.)
+    The energy offset phi_0 of a sample is the drag k1 times the square of a length along the path. With the remaining
+    length the drag k1 leads to the target (Eq. 21). With the travelled length it resists the motion towards the target,
+    most at the target. (With the published k1 < 0 and the remaining length, the resistance falls towards the target.)
 
     Immutable; it can be pickled and shared by threads. The first evaluation compiles the function, and each thread has
     its own buffers.
@@ -158,7 +158,7 @@ class PotentialField:
     # --------------------------------------------------------------------------------------------------- what it is
     @property
     def length(self) -> float:
-        """[m] of the longest path."""
+        """[m] length of the longest path."""
         return max(float(path.travelled[-1]) for path in self.paths)
 
     @property
@@ -223,7 +223,7 @@ class PotentialField:
 
 
 def sample_spacing(width: float, spacing: float | None) -> tuple[float, str]:
-    """[m] between samples of a field of `width` [m], and the name of the argument that set it."""
+    """Two results: distance [m] between samples of a field of `width` [m], and the name of the argument that set it."""
     if not width <= WIDEST:
         raise ConfigurationError("width", width, f"at most {WIDEST:g} m")
     return (width / SAMPLES_PER_WIDTH, "width") if spacing is None else (positive("spacing", spacing), "spacing")

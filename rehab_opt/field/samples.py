@@ -40,7 +40,7 @@ MAX_SAMPLES = 1_000_000
 class Samples(NamedTuple):
     """Samples of a field; Eqs. (15)-(17) are sums over these rows.
 
-    With d = x - x_j, phi_j = phi_0j + lean_j'd + 1/2 d'S_j d.
+    Sample j, at x_j, has the energy phi_j = phi_0j + lean_j^T d + 1/2 d^T S_j d at d = x - x_j.
     """
 
     points: Array
@@ -113,7 +113,7 @@ def _has_rows(path: ArrayLike) -> bool:
 
 
 def arc_length(points: Array) -> Array:
-    """(N,) [m] length along `points` (N, 2) up to each."""
+    """(N,) [m] length along `points` (N, 2) up to each point."""
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
 
 
@@ -151,7 +151,7 @@ def interpolated(points: Array, values: Array, along: Array) -> Array:
 
 
 def strides(points: Array, step: float) -> Array:
-    """(m, 2) subset of `points` (N, 2) with distances above `step` [m]; the first and the last stay."""
+    """(m, 2) subset of `points` (N, 2) at distances above `step` [m]; the first and the last point are kept."""
     kept, last = [0], points[0].tolist()
     for i, (x, y) in enumerate(points.tolist()):
         if math.hypot(x - last[0], y - last[1]) > step:
@@ -163,10 +163,11 @@ def strides(points: Array, step: float) -> Array:
 
 
 def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
-    """(N, 2) mean of several paths at equal fractions of their lengths, smoothed over `smoothing` [m].
+    """(N, 2) mean of several paths at equal fractions of their lengths, smoothed over the length `smoothing` [m].
 
-    It begins and ends at the means of the starts and ends. Lengths are sums of steps of half of `smoothing`; otherwise
-    sensor noise of a resting hand would add metres, and the fractions of the paths would not correspond.
+    The mean path begins at the mean of the starts and ends at the mean of the ends. Lengths are measured in steps of
+    half of `smoothing`: otherwise sensor noise of a resting hand would add metres, and equal fractions of two paths
+    would not correspond.
     """
     fractions = np.linspace(0.0, 1.0, MEAN_POINTS)
     paths = [strides(each, smoothing / 2) for each in paths]

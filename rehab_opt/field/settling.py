@@ -1,6 +1,6 @@
 """Stability of a hand on a spring and damper with delay and a slew limit.
 
-The force F = -S x - D v holds a hand of mass m with its own damping c. v is estimated from positions through two
+The force F = -S x - D v acts on a hand of mass m with its own damping c. v is estimated from positions through two
 low-passes with the total lag `velocity_lag`; the force acts after `delay`, with a first-order lag. With s = jw the loop
 is
 
@@ -38,7 +38,7 @@ MARGIN = 0.1
 
 
 class Crossover(NamedTuple):
-    """Crossover of a loop, at gain 1."""
+    """Frequency at which a loop has gain 1, and the phase margin there."""
 
     frequency: float
     """[rad/s]"""
@@ -73,7 +73,7 @@ def crossover(
 
 
 def fitting_slew(stiffness: float, damping: float, *, force_limit: float, velocity_lag: float) -> float:
-    """R [N/s] from which a slew limit causes no oscillation: F w_c of the lightest hand; see the module."""
+    """Least slew limit R [N/s] that causes no oscillation: F w_c of the lightest hand (see the module)."""
     fastest = crossover(stiffness, damping, mass=LIGHT, delay=0.0, lag=0.0, velocity_lag=velocity_lag)
     return force_limit * fastest.frequency
 
@@ -114,7 +114,7 @@ def settling_notes(
 
 
 def _better(stiffness: float, **times: float) -> str:
-    """A sufficient damping, or the stiffness for which there is one."""
+    """Text with a sufficient damping or, if there is none, with the largest stiffness for which there is one."""
 
     def margin(of: float) -> float:
         return min(crossover(of, fitting_damping(of), mass=mass, **times).margin for mass in (LIGHT, HEAVY))

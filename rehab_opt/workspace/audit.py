@@ -1,4 +1,4 @@
-"""Audit of a map between workspaces: measured at random points, and proven in between."""
+"""Audit of a map between workspaces: figures at random points, and a proof for the points between them."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ ROUND_TRIP = 1e-9
 class Audit:
     """Figures of one map.
 
-    samples : points drawn evenly over the source.
+    samples : number of points drawn uniformly from the source.
     folded : fraction of the samples where det J <= 0 or is NaN.
     outside : fraction of the samples mapped outside the target.
     max_stretch, min_stretch : singular values of J over the samples [-].
     overall_ratio : sqrt(area of the target / area of the source) [-].
     round_trip : largest |inverse(map(x)) - x| [m]; infinite if an inverse was not found.
-    coverage : fraction of the target's area that is the image of the source.
+    coverage : fraction of the target's area that the image of the source covers.
     certificate : proof that also covers the points between the samples.
     target_accuracy : largest distance of the target's true outline from its polygon [m]; the proven margin must exceed
         it.

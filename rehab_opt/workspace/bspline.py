@@ -24,7 +24,9 @@ ACROSS = 40
 
 @dataclass(frozen=True, eq=False)
 class PlaneBSpline(PlaneMap):
-    """g(x) = sum_ij c_ij B(u - i) B(v - j) with u, v = (x - low) / step; outside, at the net's nearest point.
+    """g(x) = sum_ij c_ij B(u - i) B(v - j), with (u, v) = (x - low) / step and cubic B-splines B.
+
+    A point outside the net counts as the net's nearest point.
 
     Parameters
     ----------
@@ -69,7 +71,7 @@ class PlaneBSpline(PlaneMap):
         return rows[0], np.stack(rows[1:], axis=2)
 
     def expression(self, point: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Image (2,) [m] and Jacobian (2, 2) of a symbol (2,) [m] of finite numbers."""
+        """Expressions of the image (2,) [m] and the Jacobian (2, 2) at a symbol (2,) [m] with finite values."""
         u = ca.fmin(ca.fmax((point - ca.DM(self.low)) / ca.DM(self.step), 0), ca.DM(self.cells))
         cell = ca.fmin(ca.floor(u), ca.DM(self.cells) - 1)
         row = self.coefficients.shape[1]
@@ -81,7 +83,7 @@ class PlaneBSpline(PlaneMap):
 
 
 def basis(t: Array, derivative: int) -> Array:
-    """(m, 4) B-splines of a cell at t in [0, 1], or their first or second derivative by t."""
+    """(m, 4) values of a cell's four B-splines, or of their first or second derivatives, at t (m,) in [0, 1]."""
     powers = np.zeros((len(t), 4))
     for k in range(derivative, 4):
         powers[:, k] = math.perm(k, derivative) * t ** (k - derivative)
@@ -90,7 +92,7 @@ def basis(t: Array, derivative: int) -> Array:
 
 @cache
 def _in_cell() -> ca.Function:
-    """Function: position in a cell (2,), 4 x 4 coefficients (32,) -> image (2,), its derivatives (2, 2)."""
+    """Function (position in a cell (2,), 4 x 4 coefficients (32,)) -> (image (2,), its derivatives (2, 2))."""
     place, local = ca.SX.sym("place", 2), ca.SX.sym("local", 32)
     powers = [ca.vertcat(1, t, t**2, t**3) for t in ca.vertsplit(place)]
     across, along = (ca.DM(CUBIC) @ each for each in powers)
@@ -113,7 +115,7 @@ def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], 
 
 
 def _cells_of(points: Array, low: Array, step: Array, cells: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
-    """Position in its cell (M, 2), in [0, 1], and the cell (M, 2), of each point; NaN gets the first cell."""
+    """Two results: each point's position in its cell (M, 2), from 0 to 1, and the cell (M, 2), the first for NaN."""
     u = np.clip((points - low) / step, 0.0, cells)
     k = np.clip(np.floor(np.nan_to_num(u)), 0, np.array(cells) - 1).astype(np.intp)
     return u - k, k

@@ -3,13 +3,17 @@
 Let D be the source and D' a slightly larger set without holes.
 
 1. det J > 0 all over D'. In a cell the map is bicubic, so det J is a polynomial of degree 5 in each direction. Its
-Bernstein coefficients bound it from below, and halving cells sharpens the bound (de Casteljau). 2. Every image of D's
-outline has one preimage in D'. Since det J > 0, a point off the image of D's' outline has as many preimages as that
-image winds around it (degree of a map). Chords approximate this image: their polygon does not cross itself, so it winds
-once around its interior. The image of D's outline lies in this interior, further from the polygon than the chords'
-error. 3. By 2 no two points of D's outline share an image, so by 1 the map is one-to-one on D (Meisters and Olech, Duke
-Mathematical Journal 30, 1963), and the image of its outline encloses the image of D. 4. The image of D's outline lies
-inside the target's outline, at a distance (the margin) from it.
+Bernstein coefficients bound it from below, and halving cells sharpens the bound (de Casteljau).
+
+2. Every image of a point on D's outline has exactly one preimage in D'. Consider the image of the outline of D'. Since
+det J > 0, a point off this image has as many preimages in D' as the image winds around it (degree of a map). Chords
+approximate this image: their polygon does not cross itself, so it winds once around its interior. The image of D's
+outline lies in this interior, further from the polygon than the error of the chords.
+
+3. By 2 no two points of D's outline share an image, so by 1 the map is one-to-one on D (Meisters and Olech, Duke
+Mathematical Journal 30, 1963), and the image of its outline encloses the image of D.
+
+4. The image of D's outline lies inside the target's outline, at a distance (the margin) from it.
 
 The proof is about the polygons of the workspaces; `accuracy` is their distance from the true sets.
 """
@@ -42,7 +46,7 @@ CHORDS = 40_000
 HALVINGS = 7
 """Largest number of halvings of a cell until its bound is positive."""
 KEPT = 0.05
-"""A bound above this fraction of the ratio of areas is sharp enough."""
+"""A cell is not halved further if its bound of det J is above this fraction of the ratio of areas."""
 ROUNDING = 1e-9
 """Least positive bound of det J, relative to the ratio of areas, and least margin, relative to the outline's length."""
 MAX_CELLS = 100_000
@@ -76,7 +80,7 @@ class Certificate(NamedTuple):
 
 
 class DeterminantBounds(NamedTuple):
-    """Bounds of the derivatives all over a set.
+    """Bounds of a map's derivatives that hold all over a set.
 
     determinant : lower bound of det J [-]. stretch : upper bound of the largest singular value of J [-].
     cells : number of examined cells. doubtful : (m, 2) [m] centres of cells whose bound is not positive.
@@ -94,7 +98,7 @@ def certificate(spline: PlaneMap, source: Workspace, target: Workspace) -> Certi
 
 
 def examined(spline: PlaneMap, source: Workspace, target: Workspace) -> tuple[Certificate, Array]:
-    """The certificate, and points (m, 2) [m] without a positive bound of det J."""
+    """Two results: the certificate, and the points (m, 2) [m] without a positive bound of det J."""
     if not isinstance(spline, PlaneBSpline):
         return Certificate(-np.inf, -np.inf, False, 0, UNPROVEN), np.empty((0, 2))
     start, goal = outline_polygon(source), outline_polygon(target)
@@ -165,7 +169,7 @@ def quartered(cells: Array, corner: Array, size: Array) -> tuple[Array, Array]:
 
 
 def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
-    """Smallest Bernstein coefficient (m,) of det J per cell, and its smallest value at a corner."""
+    """Two results (m,) for each cell: smallest Bernstein coefficient of det J, and smallest det J at a corner."""
     along_u, along_v = (3.0 * np.diff(cells, axis=axis) for axis in (1, 2))
     (xu, yu), (xv, yv) = (_scaled(along_u, 2, 3), _scaled(along_v, 3, 2))
     product = np.zeros((len(cells), 6, 6))
@@ -177,7 +181,7 @@ def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
 
 
 def _scaled(slopes: Array, p: int, q: int) -> tuple[Array, Array]:
-    """Bernstein coefficients (m, p + 1, q + 1, 2) times binomials, x and y apart; products become convolutions."""
+    """The x and the y Bernstein coefficients, times binomials: products of polynomials become convolutions."""
     weights = np.outer(_binomials(p), _binomials(q))
     return slopes[..., 0] * weights, slopes[..., 1] * weights
 
@@ -215,6 +219,6 @@ def _encloses(outer: _Chords, inner: _Chords) -> bool:
 
 
 def outline_polygon(workspace: Workspace) -> Polygon:
-    """The one polygon of a workspace of one piece."""
+    """The polygon of a workspace that is in one piece."""
     polygon = workspace.polygon
     return polygon.geoms[0] if polygon.geom_type == "MultiPolygon" else polygon

@@ -110,10 +110,10 @@ def model_shoulder(plane: ArrayLike, elevation: ArrayLike, axial: ArrayLike) -> 
 def model_wrist(pronation: ArrayLike, flexion: ArrayLike, ulnar: ArrayLike) -> tuple[Array, Array, Array]:
     """Joints 6, 7 and 8 [rad] of the model from forearm and wrist angles [rad] of broadcastable shapes.
 
-    The model turns the hand about its length last, anatomy first (in the forearm): the model's wrist flexion and
-    deviation refer to the supinated forearm. Rx(q6) Ry(-(q7 + pi/2)) Rz(-q8) = Rz(-pronation) Rx(flexion) Ry(-ulnar).
-    Singular if the hand points sideways at a right angle to the forearm. Joint 8 is within half a turn of 90 deg (thumb
-    up).
+    The model rotates the hand about its long axis last; in anatomy the forearm rotates first. The model's wrist flexion
+    and deviation therefore refer to the supinated forearm. Rx(q6) Ry(-(q7 + pi/2)) Rz(-q8) = Rz(-pronation) Rx(flexion)
+    Ry(-ulnar). Singular if the hand points sideways at a right angle to the forearm. Joint 8 is within half a turn of
+    90 deg (thumb up).
     """
     g, f, d = _together(pronation, flexion, ulnar)
     sg, cg, sf, cf, sd, cd = np.sin(g), np.cos(g), np.sin(f), np.cos(f), np.sin(d), np.cos(d)
@@ -163,7 +163,7 @@ def model_scapula(protraction: ArrayLike) -> Array:
 
 
 def _wrapped(angle: Array) -> Array:
-    """`angle` in (-pi, pi]."""
+    """`angle`, shifted by whole turns into (-pi, pi]."""
     return np.asarray(-((np.pi - angle) % (2 * np.pi)) + np.pi)
 
 

@@ -25,7 +25,7 @@ class ControllerMap:
     """A map for a controller, made by `WorkspaceMap.for_controller`, which refuses a map with a failed audit.
 
     The constructor itself does not check that the audit belongs to the spline. A point outside the source counts as the
-    nearest point of the source. NaN gives NaN; numbers never raise. Immutable; threads may share it.
+    nearest point of the source. Numbers never raise an error, and NaN gives NaN. Immutable; threads may share it.
 
     Attributes
     ----------

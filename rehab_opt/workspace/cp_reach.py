@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 GRASP = "RGV"
 """Task that ends with the thumb upright."""
 EVERY = 5
-"""Step of shoulder and wrist samples, in % of the reach; mean reaches are smooth, and combinations are many."""
+"""Step of shoulder and wrist samples, in % of the reach. Mean reaches are smooth, and there are many combinations."""
 
 ASSUMPTIONS = (
     "the range used in one task, not the range possible",
@@ -88,7 +88,7 @@ def reach_groups(
     cover: float = 0.5,
     pronation_zero: float | Literal["grasp"] = 0.0,
 ) -> dict[tuple[str, str], ReachGroup]:
-    """The range used by (task, group), from the files in `folder` (`cp_dyskinetic_reach`).
+    """Range of motion used, by (task, group), from the files in `folder` (`cp_dyskinetic_reach`).
 
     Parameters
     ----------
@@ -165,11 +165,11 @@ def group_range(
 
 
 def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[str, Array]:
-    """Curves (limbs, T) [rad] of each model joint; for shoulder and wrist every combination of rows is a limb.
+    """Curves (limbs, T) [rad] of each model joint; for shoulder and wrist every combination of rows counts as a limb.
 
-    Rows of elevation plane and axial rotation belong together: the same rows are missing from both files. At the start,
-    where the two compensate each other, their correlation is -0.41 to -0.85; at most 4 % of random permutations of the
-    rows reach that.
+    Rows of elevation plane and axial rotation belong together: the same rows are missing from both files. At the start
+    of a reach the two compensate each other. Their correlation there is -0.41 to -0.85; at most 4 % of random
+    permutations of the rows are correlated as strongly.
     """
     scapula = model_scapula(angles["ScPro"])
     turn, adduction, flexion = model_shoulder(*_shoulder_rows(angles["ShAbd"], angles["ShEl"], angles["ShRot"]))
@@ -198,7 +198,10 @@ def _combined(first: Array, second: Array, third: Array) -> list[Array]:
 
 
 def _smooth(curves: Array, *, around: float = 0.0) -> Array:
-    """Curves without jumps by whole turns, each with its mean within half a turn of `around`."""
+    """Angle curves, unwrapped so that they do not jump by 2 pi.
+
+    Each is then shifted by whole turns so that its mean is within half a turn of the angle `around` [rad].
+    """
     unwrapped = np.unwrap(curves, axis=-1)
     turns = np.round((unwrapped.mean(axis=-1, keepdims=True) - around) / (2 * math.pi))
     return np.asarray(unwrapped - 2 * math.pi * turns)

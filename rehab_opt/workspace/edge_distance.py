@@ -1,7 +1,8 @@
 """Signed distance to a polygon's boundary as an expression over a table of its edges, for use in a tick.
 
-It evaluates every edge, by a few operations on long columns; `Workspace` serves arrays of points. The edges that
-a ray from a point crosses, counted by direction, give the point's side, also where edges nearly coincide.
+The expression evaluates every edge, by a few operations on long columns; for arrays of points, use `Workspace`. A ray
+from the point crosses edges upwards and downwards: the difference of their numbers shows whether the point is inside,
+also where edges nearly coincide.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SHORTEST_SQUARE = 1e-200
 
 
 def edge_columns(polygon: Any) -> NDArray[np.float64]:
-    """(size, 6) edges of a valid polygon, which is on their left; edges of zero length at the first start are added."""
+    """Table (size, 6) of a valid polygon's edges, with the inside on their left; edges without length fill it up."""
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
     from shapely.geometry.polygon import orient  # noqa: PLC0415
 
@@ -47,9 +48,9 @@ def edge_columns(polygon: Any) -> NDArray[np.float64]:
 
 @cache
 def distance_function(size: int) -> ca.Function:
-    """Point (2,) [m], edges (size, 6) -> signed distance [m], negative inside, and the boundary's nearest point (2,).
+    """Function (point (2,), edges (size, 6)) -> (signed distance, nearest point (2,) of the boundary), all in m.
 
-    Both are NaN for a NaN point.
+    The distance is negative inside. Both are NaN for a NaN point.
     """
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     start_x, start_y, along_x, along_y, inverse, end_y = ca.horzsplit(table)
@@ -70,7 +71,7 @@ def distance_function(size: int) -> ca.Function:
 
 @cache
 def nearest_point_function(size: int) -> ca.Function:
-    """Point (2,) [m], edges (size, 6) -> nearest point (2,) of the polygon; inside, the point itself."""
+    """Function (point (2,), edges (size, 6)) -> nearest point (2,) of the polygon; inside, the point itself."""
     point, table = ca.MX.sym("point", 2), ca.MX.sym("edges", size, COLUMNS)
     distance, closest = distance_function(size)(point, table)
     inside = distance <= ON_BOUNDARY * (1 + ca.fabs(point[0]) + ca.fabs(point[1]))

@@ -1,4 +1,4 @@
-"""A one-to-one map between two simply connected sets through the unit disc; start of the safe rule's optimisation.
+"""A one-to-one map between two simply connected sets through the unit disc: a safe map is optimised from it.
 
 A harmonic map of a set onto a convex set that maps outline to outline is one-to-one (Rado, Kneser, Choquet). So is its
 discrete form on a triangle mesh with positive weights (Tutte; Floater 1997). For target sets that are not convex, such
@@ -80,8 +80,8 @@ def disc_map(mesh: PlaneMesh) -> DiscMap:
 def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"]) -> list[float]:
     """Rotations [rad] of the source's disc for which pairs on the outlines fit a similarity best.
 
-    With centred pairs z, w as complex numbers, the residual is least where the sum of conj(z) w is largest, in the
-    given direction or, for a free rotation, in modulus.
+    The pairs z, w are centred complex numbers. The residual is least where the sum of conj(z) w has the largest
+    component in the direction of the given rotation or, for a free rotation, the largest modulus.
     """
     fraction = np.arange(TURNS) / TURNS
     z, w = (_along(mesh, fraction) for mesh in (source, target))
@@ -109,9 +109,9 @@ def interpolate(
     images: NDArray[np.float64],
     at: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """The piecewise linear map points -> images of a mesh, (n, 2) each, at other points (m, 2).
+    """Images (m, 2) of the points `at` (m, 2) under the piecewise linear map of a mesh from `points` to `images`.
 
-    A point in no triangle (outside by a chord, or by rounding) is moved into the nearest triangle.
+    A point in no triangle, which is outside by rounding or the distance of a chord, is moved into the nearest one.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 

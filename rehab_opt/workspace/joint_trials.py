@@ -74,7 +74,7 @@ def _of_rank(argument: str, trial: object, rank: int) -> Array:
 
 
 def one_branch(name: str, trials: Sequence[Array], bound: tuple[float, float] | None) -> Array:
-    """All samples of a joint on one branch of the circle: that of the first trial, or the one within `bound`.
+    """All samples of a joint, shifted by whole turns: to the branch of the first trial, or to the one within `bound`.
 
     Raises
     ------

@@ -30,7 +30,7 @@ class TooManyNodesError(Exception):
 
 @dataclass(slots=True)
 class Node:
-    """Best answer so far; its distance is 0 inside and infinite if nothing was found."""
+    """A node with its best answer so far; the distance is 0 inside the slice and infinite if nothing was found."""
 
     distance: float
     x: float
@@ -44,7 +44,7 @@ class Lattice:
 
     A local minimum can make a reachable node look unreachable. Each improved answer is therefore offered to the
     neighbours as a start until nothing improves (label correcting), and every new node also tries the starts of
-    `others`. Simultaneous offers are solved together; distances of outside nodes are accurate to some hundredths.
+    `others`. Simultaneous offers are solved together; distances of outside nodes are accurate to a few per cent.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ class Lattice:
         """Nodes whose improvement is not yet offered to their neighbours, in order."""
 
     def key(self, x: float, y: float) -> Key:
-        """The node nearest to a point."""
+        """Key of the node nearest to a point."""
         return round(x / self.spacing), round(y / self.spacing)
 
     def keys_around(self, x: float, y: float) -> Iterator[Key]:
-        """The four nodes of the cell that holds a point."""
+        """Keys of the four nodes of the cell that contains a point."""
         i, j = int(np.floor(x / self.spacing)), int(np.floor(y / self.spacing))
         yield from ((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))
 

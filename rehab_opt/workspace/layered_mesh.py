@@ -22,7 +22,7 @@ ON_SURFACE = 1e-6
 MAX_NODES = 50_000_000
 """Largest number of nodes in a mesh's lattice; each of several arrays then takes 400 MB."""
 FAR = 1.0
-"""[m] Distance in an empty layer between empty layers."""
+"""[m] Distance used in an empty layer whose neighbours are empty, too."""
 
 
 class SurfaceMesh(NamedTuple):
@@ -53,7 +53,7 @@ def signed_distances(polygon: BaseGeometry, points: Array) -> Array:
 
 
 def padded(layers: Array) -> Array:
-    """(n + 2, ...) finite signed distances: layers (n, ...) with one more beyond either end.
+    """(n + 2, ...) finite signed distances: those of the layers (n, ...), and one more layer beyond either end.
 
     Beyond the ends, and in an empty layer, the neighbour's absolute distances are used, so that the surface closes
     halfway.
@@ -69,7 +69,7 @@ def padded(layers: Array) -> Array:
 
 
 def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: float) -> SurfaceMesh:
-    """Surface around n >= 2 layers, also with several parts and tunnels; every edge belongs to two triangles.
+    """Surface around n >= 2 layers; every edge belongs to two triangles. Several parts and tunnels are possible.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: fl
 
 
 def enclosed_volume(mesh: SurfaceMesh) -> float:
-    """[m^3] by the divergence theorem; negative if the triangles face inwards."""
+    """[m^3] volume inside a surface, by the divergence theorem; negative if the triangles face inwards."""
     if not len(mesh.triangles):
         return 0.0
     centred = mesh.vertices - mesh.vertices.mean(axis=0)

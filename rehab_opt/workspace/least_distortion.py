@@ -37,12 +37,13 @@ Array = NDArray[np.float64]
 CELL, TASK_CELL = 0.11, 0.08
 """Cell size over sqrt(area), without and with a task."""
 GROWTH, SHRINKAGE, MAX_SHRINKAGE = 0.04, 0.04, 0.3
-"""Growth of the source as a fraction of sqrt(area). Shrinkage of the target as a fraction of its inradius: without the
-target's accuracy, and the largest value with it."""
+"""Growth of the source as a fraction of sqrt(area). Shrinkage of the target as a fraction of its inradius: the value to
+which the target's accuracy is added, and the largest value of the sum."""
 BEYOND = 0.02
 """Width of the net's border around the grown source, over sqrt(area)."""
 OUTLINE_POINTS, DRAWN = 400, 0.012
-"""Number of points on the outline that is pulled to the target's; growth of that outline over sqrt(area)."""
+"""The source's outline, grown by the fraction `DRAWN` of sqrt(area), is pulled to the target's outline at this number
+of points."""
 OUTLINE_WEIGHT = 0.25
 """Weight of an outline point in the mean distortion, relative to an inner point."""
 PULL_OUTSIDE, TIGHTER = 1000.0, 4.0
@@ -81,7 +82,7 @@ class Task(NamedTuple):
 def least_distorted(
     source: Workspace, target: Workspace, *, rotation: float | Literal["best"], task: Task | None = None
 ) -> tuple[PlaneBSpline, Certificate]:
-    """The least distorted map that is proven and within the audit's bounds of stretch; else the best attempt.
+    """The least distorted map that is proven and within the audit's bounds of stretch, or the best attempt.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def least_distorted(
 
 
 def _evenness(spline: PlaneBSpline, source: Workspace, target: Workspace) -> tuple[bool, float]:
-    """Whether all sampled stretches are within the audit's bounds; fraction of the target that is used."""
+    """Two results: whether all sampled stretches are within the audit's bounds; the fraction of the target used."""
     ratio = np.sqrt(target.area / source.area)
     stretch = np.linalg.svd(spline.evaluate(random_points(source, SAMPLES, 0))[1], compute_uv=False) / ratio
     even = bool(stretch.max() <= MAX_STRETCH and stretch.min() >= SMALLEST_STRETCH)
@@ -151,7 +152,7 @@ def _in_metres(net: _Net, coefficients: Array, source: _Frame, target: _Frame) -
 
 
 class _Anchor(NamedTuple):
-    """Cost of weighted squared distances of columns @ C from images (m, 2)."""
+    """Cost of weighted squared distances between the points columns @ C and `images` (m, 2)."""
 
     columns: Any
     images: Array
@@ -159,7 +160,7 @@ class _Anchor(NamedTuple):
 
 
 class _Net:
-    """Cost of coefficients (n, 2) on one net, for sets of unit area."""
+    """Cost of B-spline coefficients (n, 2) on one net, for sets of unit area."""
 
     def __init__(
         self,
@@ -204,7 +205,7 @@ class _Net:
         self.along_x, self.along_y = self._columns(self.places, 1, 0), self._columns(self.places, 0, 1)
 
     def refine(self, points: Array, *, knots: bool) -> None:
-        """Sum distortion at these points (m, 2), too; with knots on cells of half the size."""
+        """Add points (m, 2) at which distortion is summed; with `knots`, halve the size of the cells, too."""
         self.places = np.concatenate([self.places, points])
         self.weights = np.concatenate([self.weights, np.full(len(points), self.share.mean())])
         if knots:
@@ -212,16 +213,16 @@ class _Net:
         self._tabulate()
 
     def fitted(self, images: Array) -> Array:
-        """Coefficients that map the mesh's points approximately to these images (n, 2)."""
+        """Coefficients that map the mesh's points approximately to `images` (n, 2)."""
         from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
 
         weighted = self.inside.T * self.share
         return np.asarray(splu((weighted @ self.inside + 1e-7 * self.rough).tocsc()).solve(weighted @ images))
 
     def descended(self, images: Array, weights: tuple[float, ...]) -> tuple[Array, float]:
-        """Coefficients of least cost by descent from the harmonic images, and the cost.
+        """Two results of a descent from the harmonic images: the coefficients of least cost, and the cost.
 
-        weights : of these images, times the task's, and of the outline.
+        weights : weight of these images, factor on the task's weight, weight of the outline.
         """
         from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 
@@ -260,7 +261,7 @@ class _Net:
     def _cost(
         self, C: Array, share: Array, anchors: list[_Anchor], pulls: tuple[float, float], width: float
     ) -> tuple[float, Array, float, float]:
-        """Cost, its gradient (n, 2), smallest det J, and largest distance of the outline outside."""
+        """Four results: cost, its gradient (n, 2), smallest det J, largest distance outside the target's outline."""
         import shapely  # noqa: PLC0415  (light to import)
 
         Jx, Jy = self.along_x @ C, self.along_y @ C

@@ -1,4 +1,4 @@
-"""Map between workspaces: motion one way, force the other way with the same power. Section V, Rossa et al."""
+"""Map between workspaces: motion from source to target, force back with the same power. Section V, Rossa et al."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ class WorkspaceMap:
 
 
 def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | None, rotation: float | str) -> None:
-    """Raise `ConfigurationError` for arguments without a map."""
+    """Raise `ConfigurationError` for arguments for which there is no map."""
     for name, each in (("source", source), ("target", target)):
         if each.empty:
             raise ConfigurationError(

@@ -1,4 +1,4 @@
-"""The boundary of a slice from curves around it: each vertex is the slice's nearest point to an outside probe."""
+"""The boundary of a slice from curves around it: each vertex is the point of the slice nearest to an outside probe."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MAX_STEPS = 400
 """Largest number of vertices added between two neighbours, along a notch."""
 SAME, KNOWN = 1e-6, 1.1
-"""[m] Tolerance of a known distance; a nearest point that is further by this factor is rejected."""
+"""[m] Tolerance of a known distance; factor on it beyond which a nearest point is rejected."""
 THINNEST = 1e-5
 """[m] Parts of a smaller mean width count as curves without area."""
 
@@ -97,8 +97,8 @@ def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Neare
     """Nearest point of the slice to a point of the curve, at most as far as from its two nodes; None without one.
 
     From the node's posture, the NLP may end in a local minimum millimetres off, which would look like a notch. If the
-    answer is further away than a known point, the other method is tried; if that
-    does not help, the answer is left out.
+    answer is further away than a known point, the start is first moved by `PlaneSearch.approached`. If that does not
+    help, the answer is left out.
     """
     nodes = [node for key in (crossing.outer, crossing.inner) if (node := lattice.nodes[key]).posture is not None]
     known = min(math.hypot(crossing.x - node.x, crossing.y - node.y) for node in nodes)
@@ -120,7 +120,7 @@ def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Neare
 
 
 def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: float) -> list[Nearest]:
-    """Vertices that follow the slice from `first` to `last`, both excluded."""
+    """New vertices between the vertices `first` and `last`, along the slice."""
     done, ahead = [first], [last]
     for _ in range(MAX_STEPS):
         if not ahead:

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShoulderPlacement:
-    """Pose of the shoulder's frame in the robot's; both have z up. `human_arm(side=...)` sets the side.
+    """Pose of the shoulder's frame in the robot's frame; both have z up. `human_arm(side=...)` sets the side.
 
     Parameters
     ----------

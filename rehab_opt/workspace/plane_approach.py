@@ -1,7 +1,7 @@
 """Move many postures near a slice and near probes, by damped least squares within joint limits.
 
-A step takes 1 us, one of the NLP 10 us. It also converges far from the slice or near a folded elbow, where the NLP's
-linearised rows may be infeasible or its full steps may cycle.
+A step takes 1 us, a step of the NLP 10 us. Least squares also converge far from the slice or near a folded elbow, where
+the NLP's linearised rows may be infeasible or its full steps may cycle.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Approached(NamedTuple):
     """Result for N postures."""
 
     postures: Array
-    """(N, k) of the free joints, within their limits."""
+    """(N, k) positions of the free joints, within their limits."""
     hands: Array
     """(N, 2) [m]"""
     distances: Array
@@ -127,7 +127,7 @@ class PlaneApproach:
 
 
 def _step(statement: PlaneStatement) -> ca.Function:
-    """Function: x, damping, weight of plane and handle, parameters -> next x and damping."""
+    """Function (x, damping, weight of plane and handle, parameters) -> (next x, next damping)."""
     k = len(statement.free)
     x, damping, firm = ca.SX.sym("x", k), ca.SX.sym("damping"), ca.SX.sym("firm")
     p = ca.SX.sym("p", statement.approach.size1_in(1))
@@ -154,7 +154,7 @@ def _step(statement: PlaneStatement) -> ca.Function:
 
 
 def _measure(statement: PlaneStatement) -> ca.Function:
-    """Function: x and parameters -> hand (2,), distance to the probe, miss of plane or handle, cost."""
+    """Function (x, parameters) -> column of hand (2,), distance to the probe, violation of plane or handle, cost."""
     x, p = ca.SX.sym("x", len(statement.free)), ca.SX.sym("p", statement.approach.size1_in(1))
     off = statement.approach(x, p)
     away, missed = off[:2] / ca.sqrt(p[-1]), off[2:] / (FIRMNESS * ca.sqrt(p[-1]))

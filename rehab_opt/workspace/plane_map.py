@@ -21,7 +21,7 @@ __all__ = ["PlaneMap"]
 
 Array = NDArray[np.float64]
 STARTS = 6
-"""Number of known points with the nearest images that Newton's method tries as starts."""
+"""Number of starts that Newton's method tries: the known points with the nearest images."""
 STEPS, HALVINGS = 30, 12
 ROWS = 8
 """Number of points that are evaluated together."""
@@ -34,7 +34,7 @@ CONVERGED = 1e-13
 class PlaneMap(ABC):
     """A map (x, y) -> (x, y) [m] with continuous derivatives. Immutable and picklable; threads may share it.
 
-    NaN in gives NaN out; numbers never raise.
+    Numbers never raise an error, and NaN gives NaN.
     """
 
     def evaluate(self, points: Array) -> tuple[Array, Array]:
@@ -63,7 +63,7 @@ class PlaneMap(ABC):
 
     @abstractmethod
     def expression(self, point: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Image (2,) [m] and Jacobian (2, 2) of a symbol (2,) [m] of finite numbers."""
+        """Expressions of the image (2,) [m] and the Jacobian (2, 2) at a symbol (2,) [m] with finite values."""
 
     def __call__(self, points: ArrayLike) -> Array:
         """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
@@ -149,7 +149,7 @@ class PlaneMap(ABC):
 
     @cached_property
     def statement(self) -> ca.Function:
-        """Function for Python and C: point (2,) [m] -> image (2,) [m], Jacobian (2, 2); NaN for NaN or infinity."""
+        """Function for Python and C: point (2,) [m] -> (image (2,) [m], Jacobian (2, 2)); NaN for NaN or infinity."""
         point = ca.MX.sym("point", 2)
         return ca.Function("plane_map", [point], self._masked(point), ["point"], ["image", "jacobian"])
 

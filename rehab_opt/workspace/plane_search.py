@@ -1,4 +1,4 @@
-"""Distance of a probe from the slice, and the nearest posture, from many starts."""
+"""Find the distance of a probe from the slice, and the posture nearest to the probe, from many starts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ VIOLATION = 1e-8
 """[m, rad] Largest accepted violation of the plane or the handle's cone."""
 TOLERANCE = 1e-9
 ASIDE = 0.05
-"""Accepted miss of plane or handle in an approach, as a fraction of the distance from the probe."""
+"""Accepted violation of plane or handle in an approach, as a fraction of the distance from the probe."""
 KEPT = 8
 BACKUP_CALLS = 64
 """Largest number of calls of the backup solver, which takes 10 ms each."""
@@ -39,12 +39,12 @@ class Nearest(NamedTuple):
     """A point of the slice near a probe: the nearest one, unless the search ended in a local minimum."""
 
     distance: float
-    """[m]; 0 if the probe was reached."""
+    """[m] distance from the probe; 0 if it was reached."""
     x: float
-    """[m] the point."""
+    """[m] coordinates of the point."""
     y: float
     posture: Array
-    """(k,) of the free joints."""
+    """(k,) positions of the free joints."""
 
 
 class _Solvers(threading.local):
@@ -89,9 +89,10 @@ class PlaneSearch:
         self._backup_calls = 0
 
     def nearest(self, x: float, y: float, start: Array, *, approached: bool = False) -> Nearest | None:
-        """Local answer for the probe (x, y) from the posture `start` (k,); None if none satisfies the rows.
+        """Local answer for the probe (x, y) from the posture `start` (k,); None if no answer satisfies the rows.
 
-        If no certified answer follows, the start is first moved by `PlaneApproach`, unless it is `approached` already.
+        If the answer is not certified, the search is repeated from a start that `PlaneApproach` moves, unless the start
+        is `approached` already.
         """
         self._parameters[-3], self._parameters[-2] = x, y
         self._sqp.parameters[:] = self._parameters
@@ -112,9 +113,9 @@ class PlaneSearch:
     def approached(self, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
         """Approximate answers for probes (N, 2) from postures (N, k), in a tenth of the time of `nearest`.
 
-        Distances are 0 if the probe was reached, infinite if the posture is not at the slice, and else accurate to some
-        hundredths: the point is near the slice's nearest one, but not certified. Postures that seem to end further off
-        than `below` [m] are dropped.
+        Distances are 0 if the probe was reached, infinite if the posture is not at the slice, and otherwise accurate to
+        a few per cent: the point is near the nearest point of the slice, but not certified. Postures that seem to end
+        further off than `below` [m] are dropped.
         """
         found = self._approach.near(self._parameters, probes, starts, below)
         away = np.where(found.distances > REACHED, found.distances, 0.0)
@@ -144,8 +145,8 @@ class PlaneSearch:
     def spread(self, count: int) -> list[Nearest]:
         """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.
 
-        Each searches the slice's point nearest to its own hand, so that the points are spread, too; the distance is 0
-        if that is the hand itself.
+        Each posture searches the point of the slice nearest to its own hand, so that the points are spread, too. The
+        distance is 0 if that point is the hand itself.
         """
         statement = self.statement
         arm, free = statement.arm, statement.free

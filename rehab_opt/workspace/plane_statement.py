@@ -42,7 +42,7 @@ KINDS = 16
 
 
 class PlaneStatement:
-    """Statements for one arm, one pattern of locked joints and one kind of handle constraint.
+    """NLPs for one arm, one pattern of locked joints and one kind of handle constraint.
 
     Limits, locked values, segment lengths, tilt and height are parameters: people who differ only in these share
     compiled code, which takes more than a second to make.
@@ -62,7 +62,7 @@ class PlaneStatement:
     approach : function (x, parameters of `nearest`) -> residuals between hand and probe and, times `FIRMNESS`, between
         hand and plane (over `size`) and between handle and cone (rad). Zero if the probe is reached. See
         `PlaneApproach`.
-    fixed : numbers of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
+    fixed : values of the common parameters: lower (k,), upper (k,), still (n,), lengths, tilt.
     free : (k,) indices of the joints that can move.
     constant_height : [m] height of a hand that no joint moves up or down, which then needs no row; else None.
     constant_tilt : [rad] tilt of a handle that no joint tilts, which then needs no row; else None.
@@ -95,7 +95,7 @@ class PlaneStatement:
 
 
 class _Kind:
-    """Common part of statements that differ only in numbers; equal if their expressions are."""
+    """Key that is equal for arms with equal expressions, which differ only in numerical values."""
 
     def __init__(self, arm: SerialChain, handle_tilt: float | None) -> None:
         self.arm, self.handle_tilt = arm, handle_tilt
@@ -119,15 +119,15 @@ class _Kind:
 
 
 class _Posed(NamedTuple):
-    """A pose of symbols."""
+    """Symbols of a posture, and expressions of the hand's pose."""
 
     fixed: list[ca.SX]
-    """lower, upper, still, lengths, tilt"""
+    """Symbols of lower, upper, still, lengths and tilt."""
     x: Variable
     hand: ca.SX
     axis: ca.SX
     measure: ca.Function
-    """Function: x and the fixed parameters -> hand, axis, and the derivatives of the hand's height and of the axis."""
+    """Function (x, fixed parameters) -> (hand, axis, derivatives of the hand's height and of the axis)."""
 
 
 class _NLPs(NamedTuple):
@@ -212,7 +212,7 @@ def spread_postures(arm: SerialChain, free: NDArray[np.int64], count: int) -> Ar
 
 
 def handle_kind(handle_tilt: float | None) -> str:
-    """Kind of handle rows for a tilt [rad]."""
+    """Kind of constraint on the handle for a tilt [rad]."""
     if handle_tilt is None or handle_tilt >= np.pi:
         return "free"
     if handle_tilt < ALMOST_EXACT:
@@ -221,7 +221,7 @@ def handle_kind(handle_tilt: float | None) -> str:
 
 
 def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row]:
-    """Rows that hold the handle axis within `tilt` of +z0.
+    """Constraint rows that keep the handle axis within the angle `tilt` of +z0.
 
     The cone is x_n . z_0 >= cos(tilt), divided by sin(tilt) up to 90 deg so that its unit is the radian. Exact
     alignment has zero horizontal components and a vertical one that is not negative. Euler angles, Eqs. (4)-(5), Rossa
@@ -238,9 +238,9 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
 
 
 def beyond_cone(axis: ca.SX, tilt: ca.SX) -> ca.SX:
-    """(3,) part of axis - z0 beyond the cone, in rad if small; zero inside, and differentiable everywhere.
+    """(3,) residual of a handle axis outside the cone: differentiable, zero inside, in rad if small.
 
-    It replaces the inequality in least squares.
+    The residual is axis - z0, shortened to the part outside the cone. It replaces the inequality in least squares.
     """
     off = axis - ca.vertcat(0, 0, 1)
     length = ca.sqrt(ca.sumsqr(off) + 1e-20)

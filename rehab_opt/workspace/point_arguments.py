@@ -52,7 +52,7 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
 
 
 def point_array(points: ArrayLike, argument: str = "points") -> Array:
-    """Array (2,) of one point, (N, 2) of several.
+    """`points` as an array: (2,) for one point, (N, 2) for several.
 
     Raises
     ------

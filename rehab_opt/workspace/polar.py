@@ -1,8 +1,9 @@
 """The published landmarks: points where lines at equal angles leave both workspaces. Section V, Rossa et al.
 
 The map folds and leaves the target on workspaces that are not star-shaped around their centre; an audit measures this.
-Choices that the paper leaves open: the centre of a workspace is its centroid; of several exits of a line the furthest
-from the centre counts; an angle at which the line misses a contour (centroid outside) gives no pair.
+The paper leaves three choices open. The centre of a workspace is its centroid. If a line leaves a workspace several
+times, the exit furthest from the centre counts. If the line misses a contour (centroid outside), its angle gives no
+pair.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def slice_at(
     resolution: float | None = None,
     compile: Compile = None,
 ) -> Slice:
-    """`planar_workspace` in the shoulder's frame, with the counts of its search."""
+    """The slice of `planar_workspace` in the shoulder's frame, with the counts of its search."""
     checked_plane(arm, height, handle_tilt, accuracy, resolution)
     limit = None if handle_tilt is None or handle_tilt >= math.pi else float(handle_tilt)
     if arm.locked.all():

@@ -165,7 +165,7 @@ def flip_suspects(rows: Array) -> NDArray[np.bool_]:
 
 
 def _table(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Lines (counted from 1), groups and angles [rad] of the rows of a file."""
+    """Three results for the rows of a file: line numbers from 1, groups, and angles [rad]."""
     name = str(path)
     lines, groups, angles = [], [], []
     for number, text in enumerate(text_lines(path, name), start=1):

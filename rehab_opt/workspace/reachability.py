@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SNAPPING = 0.1
 """Grid for the overlay of workspaces, as a fraction of their accuracy."""
 ROUNDING = 1e-9
-"""Rounding of sums of weights: nine times 0.1 reaches 0.9."""
+"""Tolerance for rounding in sums of weights, so that nine times 0.1 reaches 0.9."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,9 @@ class ReachabilityMap:
         return float(found[0]) if at.ndim == 1 else found
 
     def region(self, at_least: float = 0.9) -> Workspace:
-        """Points reachable in at least that fraction of the trials, from the overlaid polygons (not from the grid).
+        """Set of points that were reachable in at least the fraction `at_least` of the trials.
+
+        It comes from the overlaid polygons, not from the grid.
 
         Parameters
         ----------
@@ -103,7 +105,7 @@ class ReachabilityMap:
 
     @cached_property
     def _overlay(self) -> tuple[NDArray[Any], Array]:
-        """Faces (m,) between all boundaries, and the fraction (m,) of trials in each."""
+        """Two results: faces (m,) between all boundaries, and the fraction (m,) of trials that contain each."""
         import shapely  # noqa: PLC0415  (heavy)
 
         rings = [workspace.polygon.boundary for workspace in self.workspaces if not workspace.empty]

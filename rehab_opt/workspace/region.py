@@ -26,7 +26,8 @@ __all__ = ["Workspace"]
 Array = NDArray[np.float64]
 
 ON_BOUNDARY = 1e-12
-"""[m], and per metre of coordinate: a point nearer to the boundary counts as on it, and so as inside."""
+"""[m], plus as much per metre of coordinate: a point nearer to the boundary than this is on the boundary and counts as
+inside."""
 SMALLEST = 1e-9
 """[m] Least size of a workspace."""
 BEYOND = 1e100
@@ -42,7 +43,7 @@ class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
     Any thread may query it; a thread's first query prepares the polygon in 1 ms or less. Numbers raise no error, not
-    even NaN and infinity; other types and wrong shapes do.
+    even NaN and infinity. Other types and wrong shapes raise one.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ class Similarity(NamedTuple):
         return np.asarray(point_array(points) @ np.array([[c, s], [-s, c]]) + self.shift)
 
     def about(self, point: Array, factor: float) -> Similarity:
-        """The similarity followed by scaling about the image of a point (2,) [m]."""
+        """The similarity, followed by scaling with `factor` about the image of a point (2,) [m]."""
         centre = self(point)
         return Similarity(factor * self.scale, self.turn, centre + factor * (self.shift - centre))
 
@@ -55,8 +55,8 @@ def largest_copy(
 ) -> Similarity:
     """The largest similarity found that maps a path (N, 2) [m] into a workspace.
 
-    A small nonlinear program maximises the scale over scale, turn and shift, with the path inside and `margin` from the
-    outline. It starts at several turns and positions and returns the best local maximum.
+    A small nonlinear program over scale, turn and shift maximises the scale; the path stays inside, at least `margin`
+    from the outline. It starts at several turns and positions and returns the best local maximum.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"])
     k = columns.shape[2] - 2
 
     def room(z: Array) -> tuple[Array, Array]:
-        """Distances inside the outline, over the polygon's size, and their derivatives."""
+        """Two results: the path points' distances inside the outline, over the polygon's size; their derivatives."""
         at = unit * (columns @ z)
         asked = shapely.points(at)
         nearest = shapely.get_coordinates(ring.interpolate(shapely.line_locate_point(ring, asked)))

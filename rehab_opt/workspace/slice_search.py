@@ -47,7 +47,7 @@ PROBES = 1.0
 
 
 class _Way(NamedTuple):
-    """Line from an outside coarse node, at 0, to an inside one; fine steps between which it crosses the boundary."""
+    """A line from an outside coarse node to an inside one, and its two fine steps on either side of the boundary."""
 
     outside: tuple[int, int]
     step: tuple[int, int]
@@ -97,7 +97,7 @@ class SliceSearch:
         self.coarse.spread()
 
     def surround(self) -> None:
-        """Create fine nodes along the boundary: at nearest points, and between coarse nodes in and outside."""
+        """Create fine nodes along the boundary: at nearest points, and between inside and outside coarse nodes."""
         outside = [(key, node) for key, node in self.coarse.nodes.items() if node.distance > 0.0]
         self.fine.offer(
             (near, node.posture)
@@ -134,9 +134,10 @@ class SliceSearch:
     def contradictions(
         self, polygon: BaseGeometry, distance: float, *, deep: float = 0.0
     ) -> tuple[list[tuple[float, float, Array]], int]:
-        """Probes at `distance` on either side that contradict the polygon, and the number of all probes.
+        """Two results: the probes that contradict the polygon, and the number of all probes.
 
-        Gaps too narrow for them are probed, too, if they are deeper than `deep` [m].
+        Probes are at `distance` [m] on either side of the boundary. Gaps too narrow for these are probed, too, if they
+        are deeper than `deep` [m].
         """
         wrong, count = [], 0
         for side in (1.0, -1.0):
@@ -160,7 +161,7 @@ class SliceSearch:
         return any(answer is not None and answer.distance == 0.0 for answer in answers)
 
     def _reached(self, probes: Array, others: int) -> tuple[NDArray[np.bool_], Array]:
-        """(N,) whether probes (N, 2) are in the slice, and postures (N, k) there or near it."""
+        """Two results: whether probes (N, 2) are in the slice (N,), and postures (N, k) there or near it."""
         near = self._inside_near(probes) + self._seeds_near(probes)
         reached, postures = np.zeros(len(probes), dtype=bool), near[-1].copy()
         for i in range(len(near) + others):
@@ -211,7 +212,7 @@ class SliceSearch:
         return _nearest_of(self._seed_tree, self._seed_postures, probes)
 
     def _inside_of_cell(self, x: float, y: float) -> list[Array]:
-        """One posture inside, by a fast look-up for use at every fine node."""
+        """Posture of an inside coarse node nearby, by a fast look-up for use at every fine node."""
         for key in self.coarse.keys_around(x, y):
             node = self.coarse.nodes.get(key)
             if node is not None and node.distance == 0.0 and node.posture is not None:
@@ -227,7 +228,7 @@ class SliceSearch:
 
 
 def _inside_of(lattice: Lattice) -> tuple[cKDTree, Array] | None:
-    """Search tree of positions, and postures, of a lattice's inside nodes."""
+    """Two results for a lattice's inside nodes: search tree of their positions, and their postures."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (heavy)
 
     inside = [node for node in lattice.nodes.values() if node.distance == 0.0]

@@ -95,7 +95,7 @@ class ThinPlateSpline(PlaneMap):
         return images
 
     def expression(self, point: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Image (2,) [m] and Jacobian (2, 2) of a symbol (2,) [m] of finite numbers."""
+        """Expressions of the image (2,) [m] and the Jacobian (2, 2) at a symbol (2,) [m] with finite values."""
         centre, scale, landmarks, w, b = self._frame
         s = (point - ca.DM(centre)) / scale
         x, y = (s[i] - ca.DM(landmarks[:, i]) for i in (0, 1))
@@ -107,9 +107,10 @@ class ThinPlateSpline(PlaneMap):
 
 
 def _solved(K: Array, R: Array, target: Array, size: float) -> tuple[Array, Array]:
-    """Weights (N, 2) and affine part (3, 2) of K w + R b = target, R' w = 0: Eqs. (28)-(30).
+    """Weights w (N, 2) and affine part b (3, 2) that solve K w + R b = target, R^T w = 0: Eqs. (28)-(30).
 
-    Targets that are affine up to the rounding of sources of this `size`, over their spread, have zero weights.
+    If the targets are an affine function of the sources up to rounding, the weights are zero. `size` is the size of the
+    sources' coordinates over their spread; it sets the rounding.
     """
     middle = target.mean(axis=0)
     b = np.linalg.lstsq(R, target - middle, rcond=None)[0]
@@ -136,7 +137,7 @@ def _landmarks(argument: str, value: ArrayLike) -> Array:
 
 
 def _unit_spread(source: Array) -> tuple[Array, float, Array, Array]:
-    """Mean (2,), root mean square distance from it, landmarks in that frame, and their squared distances (N, N)."""
+    """Four results: mean (2,), root mean square distance from it, scaled landmarks, their squared distances (N, N)."""
     from scipy.spatial.distance import cdist  # noqa: PLC0415  (slow to import)
 
     centre, rounding = source.mean(axis=0), 8 * EPSILON * float(np.abs(source).max())

@@ -58,7 +58,7 @@ def without_holes(polygon: Polygon) -> Polygon:
 def shrunk(polygon: Polygon, by: float) -> Polygon:
     """The points at least `by` [m] from the outline, with convex corners rounded by the same radius.
 
-    If these fall into pieces, the distance is halved until one piece has at least 90 % of their area.
+    If the remaining set falls into pieces, the distance is halved until one piece has at least 90 % of the area.
     """
     while True:
         narrow = polygon.buffer(-2.0 * by, quad_segs=ROUNDNESS).buffer(by, quad_segs=ROUNDNESS)

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 FURTHEST = 2.0
-"""Standard deviations at which the normal distribution is cut."""
+"""Number of standard deviations at which the normal distribution is cut."""
 
 
 def varied_ranges(

@@ -1,4 +1,4 @@
-"""Why a slice is empty: height, handle, or their combination; with a last search before that is reported."""
+"""Find out why a slice is empty: height, handle, or their combination. A last search comes first."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TRIES = 8
 
 
 class LastTry(NamedTuple):
-    """Points of the slice found by the last search, or the reason for none."""
+    """Points of the slice that the last search found, or the reason why there are none."""
 
     found: list[Nearest]
     reason: str
@@ -55,7 +55,7 @@ def last_try(search: PlaneSearch, handle_tilt: float | None) -> LastTry:
 
 
 def heights(statement: PlaneStatement, *, held: bool, more: list[Array] | None = None) -> tuple[NLPAnswer, NLPAnswer]:
-    """Postures with the lowest and the highest hand, with the handle `held` within its tilt or free; report: z [m]."""
+    """Two answers, for the lowest and the highest hand; each reports z [m]. Without `held` the handle tilts freely."""
     nlp = statement.vertical if held else statement.vertical_free
     low, high = (_best(statement, nlp, [sign], more) for sign in (1.0, -1.0))
     return low, high
