@@ -40,7 +40,7 @@ RANGE_DEG: Mapping[str, tuple[float, float]] = {
     "wrist_deviation": (-190, 5),
     "wrist_supination": (-120, 220),
 }
-"""[deg] Widest accepted limits of Table I's joints: they accept assumed ranges of modelled people, and refuse
+"""[deg] Widest limits accepted for a joint of Table I: wide enough for the ranges of modelled people, too narrow for
 goniometer angles."""
 LOOKS = "if these are goniometer angles, set convention = 'goniometer'"
 
@@ -78,7 +78,7 @@ class RangeOfMotion(Section):
 
     @model_validator(mode="after")
     def angles_are_degrees(self) -> Self:
-        """Refuse a table in radians: read as degrees, no arm could move."""
+        """Refuse a table in radians: an arm with these limits in degrees could hardly move."""
         pairs = {key: pair for key, pair in self if key.endswith("_deg")}
         if pairs and max(abs(limit) for pair in pairs.values() for limit in pair) <= RADIANS:
             key = max(pairs, key=lambda key: pairs[key][1] - pairs[key][0])
@@ -125,7 +125,7 @@ class TableOneRange(RangeOfMotion):
 
 
 class GoniometerRange(RangeOfMotion):
-    """A person's own range as a goniometer measures it: AAOS names, zeros and signs, left and right alike.
+    """A person's own range as a goniometer measures it; names, zeros and signs of the AAOS, alike for both arms.
 
     Zero: the arm hangs, elbow straight, thumb forward, hand in line with the forearm. Each movement is measured alone
     as [lower, upper] in the direction of its name: [-60, 180] is 60 deg of extension to 180 deg of flexion.
@@ -147,9 +147,9 @@ class GoniometerRange(RangeOfMotion):
     forearm_pronation_deg: Limits
     """Elbow at 90 deg, zero with the thumb up; negative: supination."""
     wrist_flexion_deg: Limits
-    """Thumb up; negative: extension."""
+    """With the thumb up; negative: extension."""
     wrist_ulnar_deviation_deg: Limits
-    """Thumb up; negative: radial deviation."""
+    """With the thumb up; negative: radial deviation."""
 
     def by_joint(self) -> dict[str, tuple[float, float]]:
         """(lower, upper) [rad] by joint."""
@@ -159,7 +159,7 @@ class GoniometerRange(RangeOfMotion):
 
     @model_validator(mode="after")
     def people_have_such_angles(self) -> Self:
-        """Refuse angles that nobody has; the error names what they may be instead."""
+        """Refuse angles that nobody reaches; the error says what is expected."""
         try:
             self.by_joint()
         except ConfigurationError as refused:
@@ -203,17 +203,18 @@ class ArmSection(Section):
     side: Side
     """A right arm is the mirror image of the paper's left one."""
     range_of_motion: OneRange
-    """`"regular"` or `"restricted"` (Table I of Rossa et al.), `"figure_3"` (the other reading of W_c), a table of the
+    """`"regular"` or `"restricted"` (Table I of Rossa et al.), `"figure_3"` (W_c by the caption of Fig. 3), a table of
+    the
     eight joints' limits, or goniometer angles."""
     segments: SegmentsSection = SegmentsSection()
     """Lengths of the arm's segments."""
     handle_tilt_deg: float = Field(default=2.0, gt=0, le=90)
     """Largest angle between the handle and the vertical."""
     joint_speed_deg_s: float | None = Field(default=None, gt=0, le=2160)
-    """Largest speed of every joint, also an upper bound for the drive; default 172 of `human_arm`, an assumption: the
+    """Largest speed of every joint, which also limits the drive; default: 172, an assumption of `human_arm`, since the
     paper gives none."""
     joint_acceleration_deg_s2: float | None = Field(default=None, gt=0, le=1e6)
-    """Largest acceleration of every joint, also an upper bound for the drive; default 1719 of `human_arm`."""
+    """Largest acceleration of every joint, which also limits the drive; default: 1719, an assumption of `human_arm`."""
 
 
 LONGEST_NAME = 40

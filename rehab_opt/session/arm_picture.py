@@ -29,12 +29,12 @@ THUMB = 0.06
 CROOKED = 45.0
 """[deg] An elbow that cannot extend past this angle was probably measured with 180 as straight."""
 WRAPPED = 26
-"""Letters below a panel."""
+"""Largest number of letters in a line of text below a panel."""
 BENT = {"elbow_flexion": math.pi / 2}
 
 
 class View(NamedTuple):
-    """View of a movement: two axes of the shoulder's frame, and the arm's pose outside the movement."""
+    """View of a movement: the two drawn axes of the shoulder's frame, and the angles of the other movements."""
 
     across: int
     up: int
@@ -56,14 +56,16 @@ VIEWS: Mapping[str, View] = {
 
 
 def range_note(name: str, arm: SerialChain, *, side: str = "") -> str:
-    """The range of motion of an arm in a clinician's terms; a warning if it looks like another convention."""
+    """The range of motion of an arm in goniometer angles; it warns of angles that look like another unit or
+    convention.
+    """
     said = [range_in_words(movement, *pair) + _looks_like(movement, *pair) for movement, pair in _measured(arm).items()]
     whose = f" of the {side} arm" if side else ""
     return f"range of motion {name!r}{whose}, as a goniometer reads it: {'; '.join(said)}"
 
 
 def _looks_like(movement: str, lower: float, upper: float) -> str:
-    """What else a range [rad] may mean, in words; empty for a usual range."""
+    """Warning that a range [rad] looks like another unit or convention; empty for a usual range."""
     low, high = math.degrees(lower), math.degrees(upper)
     if high > low and max(abs(low), abs(high)) <= RADIANS:
         return " (so narrow: degrees, not radians?)"
@@ -93,7 +95,7 @@ def range_figure(name: str, arm: SerialChain) -> Figure:
 
 
 def write_range_figures(arms: Mapping[str, SerialChain], folder: Path, *, title: str) -> list[Path]:
-    """A figure of each arm, arm_1 and so on, and their captions."""
+    """Write a figure of each arm (arm_1, arm_2, ...) and the captions; return the written files."""
     folder.mkdir(parents=True, exist_ok=True)
     with styled():
         figures = {f"arm_{i}": range_figure(*each) for i, each in enumerate(arms.items(), start=1)}
@@ -101,7 +103,7 @@ def write_range_figures(arms: Mapping[str, SerialChain], folder: Path, *, title:
 
 
 def stick_arm(arm: SerialChain, angles: Mapping[str, float]) -> Array:
-    """(6, 3) [m] neck, shoulder, elbow, wrist, hand and thumb tip of an arm at these goniometer angles.
+    """Positions (6, 3) [m] of neck, shoulder, elbow, wrist, hand and thumb tip, at goniometer angles [rad].
 
     Segments of length zero give fewer points.
     """

@@ -29,7 +29,7 @@ Name = Annotated[str, Field(min_length=1, max_length=60)]
 Turns = Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=3, max_length=3)]
 
 SHOWN = 4
-"""Number of pairs whose distance over time is drawn, the closest ones."""
+"""Number of pairs whose distance over time is drawn; these are the pairs that come closest."""
 LINK, BODY = OKABE_ITO[0], OKABE_ITO[4]
 
 
@@ -61,7 +61,7 @@ class ClearMovingSection(ClearCapsuleSection):
     towards_m: Triple
     """Vector from the position given by the keys above to the other end of the line."""
     period_s: float = Field(gt=0, le=3600)
-    """Time to go there and back."""
+    """Time for one motion to the other end and back."""
 
 
 class ClearBoxSection(Section):
@@ -89,11 +89,11 @@ class ClearPersonSection(Section):
     angles_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )
-    """The eight joints of Table I; by default the arm hangs."""
+    """Angles of the eight joints of Table I; by default the arm hangs."""
 
 
 class ClearanceSection(Section):
-    """Bodies that the links (as capsules) avoid, in the frame of the problem; links also avoid each other."""
+    """Bodies that the robot's links (capsules) avoid, in the frame of the problem; links also avoid each other."""
 
     margin_mm: float = Field(default=20.0, ge=0, le=1000)
     """Distance to keep from planes, capsules, boxes and people."""
@@ -104,7 +104,7 @@ class ClearanceSection(Section):
     )
     """Pairs of links that avoid each other, by name; by default all pairs that can meet and are not neighbours."""
     rows: int = Field(default=8, ge=1, le=30)
-    """Number of contacts that become rows of the QP, the nearest ones."""
+    """Number of contacts that become rows of the QP; these are the nearest contacts."""
     planes: list[ClearPlaneSection] = Field(default=[], max_length=20)
     """Half-spaces."""
     capsules: list[ClearCapsuleSection] = Field(default=[], max_length=50)
@@ -117,7 +117,7 @@ class ClearanceSection(Section):
     """Bars and balls that move; the controller gets their positions and velocities."""
 
     def moving_at(self, time: ArrayLike) -> Array:
-        """(N, k, 14) numbers of the moving bodies at times (N,) [s] of the run, see `moving_numbers`."""
+        """Data (N, k, 14) of the k moving bodies at times (N,) [s] of the run, in the order of `moving_numbers`."""
         clock, found = np.atleast_1d(np.asarray(time, dtype=np.float64)), []
         for each in self.moving:
             way, rate = np.tile(each.towards_m, 2), 2 * np.pi / each.period_s
@@ -130,12 +130,13 @@ class ClearanceSection(Section):
 
 @dataclass(frozen=True, eq=False)
 class NearestBodies:
-    """Distances between the bodies of a run of N ticks.
+    """Distances between links and bodies during a run of N ticks.
 
     Parameters
     ----------
-    pairs : of links and bodies. section : of the problem. q : (N, n) [rad, m]. time : (N,) [s].
-    distances : (N, k) [m] of every pair, less its margin.
+    pairs : k pairs of a link and a body, or of two links. section : table `[clearance]` of the problem.
+    q : (N, n) joint positions [rad, m]. time : (N,) [s].
+    distances : (N, k) [m] distance of every pair, minus the pair's margin.
     """
 
     pairs: ClearancePairs
@@ -152,7 +153,7 @@ class NearestBodies:
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Least distance beyond the margin, with its pair and time."""
+        """Smallest distance minus margin during the run, with the pair and the time at which it occurs."""
         tick, pair = np.unravel_index(np.argmin(self.distances), self.distances.shape)
         return {
             "min_beyond_margin_m": float(self.distances[tick, pair]),
@@ -164,7 +165,7 @@ class NearestBodies:
 
     @property
     def start_notes(self) -> tuple[str, ...]:
-        """How far, and where, the first posture is inside the margin; empty if it is outside."""
+        """A note if the first posture is inside the margin of a pair: how far, and of which pair; otherwise empty."""
         pair = int(np.argmin(self.distances[0]))
         within, names = -MM * float(self.distances[0, pair]), " and ".join(self.names[pair])
         return (f"the robot starts {within:.3g} mm within the margin: {names}",) if within > 0 else ()
@@ -216,7 +217,7 @@ def planes_of(sections: Sequence[Any], file: str, key: str) -> list[KeepOut]:
 
 
 def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = False) -> list[Any]:
-    """The `Clearance` of a problem file, for a controller's `limits`; none without the table `[clearance]`.
+    """The `Clearance` of a problem file, for the `limits` of a controller; empty without the table `[clearance]`.
 
     Raises
     ------
@@ -253,7 +254,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
 
 
 def clearance_key(argument: str) -> str | None:
-    """Key of the problem file for an `argument` of the controller, if it belongs to the clearance."""
+    """Key of the problem file for an `argument` of the controller; None if it has nothing to do with the clearance."""
     first, _, rest = argument.partition("limits[0]")
     if not first and rest:
         return "clearance" + rest.replace("[", ".").replace("]", "")
@@ -263,7 +264,7 @@ def clearance_key(argument: str) -> str | None:
 def nearest_bodies(
     section: ClearanceSection | None, file: str, chain: SerialChain, q: Array, time: Array
 ) -> NearestBodies | None:
-    """Closest bodies for a run's postures (N, n) at times (N,) [s]; None without `[clearance]`."""
+    """Distances between links and bodies at postures q (N, n) and times (N,) [s]; None without `[clearance]`."""
     if section is None:
         return None
     pairs = ClearancePairs(clearance_of(section, file, moving=True)[0], chain)
@@ -284,7 +285,7 @@ def _point(numbers: Any) -> tuple[float, float, float]:
 
 
 def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, up: int) -> None:  # noqa: PLR0917
-    """Links and bodies as their outlines, seen along the third axis."""
+    """Draw the outlines of links and bodies, projected onto the axes `across` and `up`."""
     from shapely import MultiPoint  # noqa: PLC0415
 
     given, seen, links = pairs.clearance, [across, up], ArmBodies(pairs.chain).capsules(q, LINK)

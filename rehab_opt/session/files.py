@@ -50,7 +50,7 @@ TOML = {
     "Cannot": "each key and table once",
     "Duplicate": "each key and table once",
 }
-"""Beginnings of the errors of Python's TOML reader, and plainer words for each."""
+"""Beginnings of error messages of Python's TOML reader, and plainer words for each."""
 
 
 def load_problem(file: str) -> ProblemFile[Any]:
@@ -80,7 +80,7 @@ def problem_content(path: Path, file: str) -> dict[str, Any]:
 
 
 def recording_description(path: Path, file: str) -> dict[str, Any]:
-    """Description of one recording, for problems and for `score`: a table `recording` and optionally one `placement`.
+    """Description of one recording, for problems and for `score`: a table `recording` and, if needed, `placement`.
 
     The keys are those of the problem file's tables of the same names; the path `recording.file` is relative to the
     description.
@@ -105,9 +105,10 @@ def recording_description(path: Path, file: str) -> dict[str, Any]:
 
 
 def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
-    """Content of a problem, with the tables of the descriptions that it names.
+    """Content of a problem, with the tables of the recording descriptions that it names.
 
-    A table is `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror = true}`; its own keys, and
+    A problem names a description by `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror =
+    true}`; its own keys, and
     a placement of its own, override the description's.
     """
     if isinstance(content, list):
@@ -228,7 +229,7 @@ def recording_state(file: str) -> tuple[str, str]:
 
 
 def _texts(content: object) -> Iterator[str]:
-    """Every text in it."""
+    """Every string in nested lists and tables."""
     if isinstance(content, str):
         yield content
     elif isinstance(content, dict | list):
@@ -267,6 +268,6 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
 
 
 def _line_of(problem: tomllib.TOMLDecodeError, text: str) -> int:
-    """Line of a TOML error, counted from 1; the error object has it since Python 3.14, its text always."""
+    """Line of a TOML error, counted from 1; before Python 3.14, only the text of the error contains it."""
     _, found, rest = str(problem).partition("(at line ")
     return int(rest.split(",")[0]) if found else text.count("\n") + 1

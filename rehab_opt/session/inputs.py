@@ -1,4 +1,4 @@
-"""Input files of a result and their digest: with an equal digest no second run is needed."""
+"""Input files of a result, and their digest; if the digest is unchanged, no second run is needed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NUMERICS = ("casadi", "numpy", "scipy", "shapely")
 def input_files(config: ProblemFile[Any]) -> dict[str, dict[str, str]]:
     """The files of a problem, by key: each file's name in the problem and the SHA-256 of its content.
 
-    For a robot file, which refers to other files, it is the digest of the arm's numbers, as in `inputs_digest`.
+    A robot file refers to other files; its SHA-256 is that of the arm's numerical data, as in `inputs_digest`.
 
     Raises
     ------

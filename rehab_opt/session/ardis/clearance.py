@@ -1,4 +1,4 @@
-"""Distances of chair and arm from obstacles and keep-outs, independent of the controller."""
+"""Distances of the chair and the arm from obstacles and keep-outs, computed independently of the controller."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from rehab_opt.session.outcome import Array
 
 
 def chair_corners(outline: Outline, q: Array) -> Array:
-    """(N, 4, 2) [m] corners of the chair, in order around it, at joint positions q (N, 7)."""
+    """(N, 4, 2) [m] floor positions of the chair's corners, in order around its outline, at joint positions q (N,
+    7).
+    """
     corners = outline.corners[[0, 1, 3, 2]]
     cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
     x = q[:, :1] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1]
@@ -23,7 +25,7 @@ def chair_corners(outline: Outline, q: Array) -> Array:
 
 
 def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
-    """(N, k) [m] distance of the chair's outline from each obstacle, negative in case of overlap."""
+    """(N, k) [m] distances between the chair's outline and the k obstacles, negative if they overlap."""
     corners, gaps = chair_corners(outline, q), []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -41,7 +43,7 @@ def chair_gaps(outline: Outline, room: Sequence[Obstacle], q: Array) -> Array:
 
 
 def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
-    """(N, k) [m] distance of floor points (N, 2) from each obstacle."""
+    """(N, k) [m] distances between floor points (N, 2) and the k obstacles."""
     gaps = []
     for obstacle in room:
         if isinstance(obstacle, HalfPlane):
@@ -55,14 +57,14 @@ def point_gaps(room: Sequence[Obstacle], points: Array) -> Array:
 def arm_points(robot: MobileArm, q: Array) -> Array:
     """(N, m, 3) [m] points of the arm in the world frame at joint positions q (N, n), from shoulder to hand.
 
-    They are the origins of the arm's moving joints; for ARDIS shoulder, elbow and hand.
+    They are the origins of the arm's moving joints; for ARDIS, these are shoulder, elbow and hand.
     """
     first, *others = arm_links(replace(robot.chain, capsules=()), first=CHAIR, radius=0.0)
     return np.stack(_places(robot, q, [first.begin, first.end, *(link.end for link in others)]), axis=1)
 
 
 def arm_gaps(robot: MobileArm, q: Array) -> Array:
-    """(N, k l) [m] distance of each of the arm's l links from each of the k keep-outs, negative inside."""
+    """(N, k l) [m] distances between the arm's l links and the k keep-outs, negative inside a keep-out."""
     still = q.copy()
     still[:, :CHAIR] = 0.0  # in the chassis frame, where the keep-outs are
     places = _places(robot, still, [end for link in robot.links for end in (link.begin, link.end)])
@@ -75,7 +77,7 @@ def arm_gaps(robot: MobileArm, q: Array) -> Array:
 
 
 def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
-    """(N, 3) [m] positions of these points at joint positions q (N, n), by multiplying the chain's transforms."""
+    """Positions (N, 3) [m] of each of the link ends at joint positions q (N, n), from the chain's transforms."""
     chain = robot.chain
     frames = [np.broadcast_to(chain.base, (len(q), 4, 4))]
     for row, value in zip(chain.rows, q.T, strict=True):
@@ -91,7 +93,7 @@ def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
 
 
 def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:
-    """(N,) [m] distance between segments and a capsule's axis, from end points or interior closest points."""
+    """(N,) [m] distance between each segment, from `begin` to `end`, and a capsule's axis."""
     start, stop = (np.broadcast_to(np.asarray(each), begin.shape) for each in (capsule.start, capsule.end))
     least = np.minimum.reduce(
         [

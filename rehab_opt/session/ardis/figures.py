@@ -1,4 +1,4 @@
-"""Figures of chair and arm with one stick: from above, the hand, and the used fraction of the limits."""
+"""Figures of an `ardis` run: the scene from above, the hand over time, and how much of each limit is used."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 
 OBSTACLE, ARM = "#BBBBBB", OKABE_ITO[5]
 INSTANTS = 4
-"""Number of drawn chairs, from the first to the last."""
+"""Number of instants at which the chair is drawn, from the first to the last."""
 SEEN = 100
-"""Number of drawn postures of the arm, evenly over the run."""
+"""Number of arm postures, evenly spaced over the run, that the picture covers."""
 EDGE = 0.35
-"""[m] Space around everything that moves."""
+"""[m] Margin around everything that moves."""
 ABOVE = 0.03
-"""[m] Goals closer than this, seen from above, share a label, since two labels would overlap."""
+"""[m] Goals that are closer together than this, seen from above, share one label."""
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
-    """Figures by file name; scenes and traces are by drive and controller."""
+    """The figures by file name; the name of a scene or trace is (drive, controller)."""
     scenes, traces = outcome.scenes, outcome.traces
     scene, drives = next(iter(scenes.values())), list(dict.fromkeys(drive for drive, _ in traces))
     ours = {drive: traces[drive, "optimised"] for drive in drives}
@@ -80,7 +80,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
 
 
 def _hand_panels(ours: Iterable[Trace], dt: float) -> tuple[Panel, Panel]:
-    """A controller that leaves its limits may go anywhere: panels end where ours does, and say how far it went."""
+    """Panels of the hand's height and the chair's path, scaled for our controller; a note names higher peaks."""
 
     def way(trace: Trace) -> Array:
         return np.asarray(np.cumsum(np.hypot(trace["_world"][:, 0], trace["_world"][:, 1])) * dt)

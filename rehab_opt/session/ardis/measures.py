@@ -1,7 +1,7 @@
-"""Metrics of a trace, from its commands alone: contributions of chair and arm, effort, and limits.
+"""Metrics of a trace, computed from its commands: contributions of chair and arm, kinetic energy, and limits.
 
-Columns of the trace: `joint` (N, n) and `command` (N, n), the chair's in its own frame; `_world` (N, n) the same in the
-world frame; `pose` (N, 4, 4) and `jacobian` (N, 6, n) of the hand.
+The trace has these columns: positions `joint` (N, n); commanded velocities `command` (N, n), the chair's in its own
+frame; the same velocities `_world` (N, n), in the world frame; `pose` (N, 4, 4) and `jacobian` (N, 6, n) of the hand.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from rehab_opt.session.outcome import Array, finite, reason_counts, status_count
 from rehab_opt.session.trace import Trace
 
 KEPT = 1e-6
-"""[m, rad, and the same per s or s^2] A smaller excess still satisfies a limit: rounding and the certificate's
-tolerance."""
+"""[m, rad, and the same per s or s^2] A limit is satisfied up to this excess, which covers rounding and the
+certificate's tolerance."""
 MOVING = 1e-9
-"""[m/s, rad/s] A slower hand is at rest."""
+"""[m/s, rad/s] A slower hand counts as being at rest."""
 
 
 def motion_metrics(
@@ -87,9 +87,9 @@ def motion_metrics(
 
 
 def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: Sequence[Obstacle]) -> dict[str, Array]:
-    """Excess over each kind of limit in each tick (N,), negative within the limit; dt [s].
+    """By kind of limit, the excess (N,) over the limit in each tick of `dt` [s], negative within it.
 
-    Accelerations are relative to the last tick's velocity in the chair's frame.
+    An acceleration is the change of a velocity since the previous tick; the chair's velocity is in its own frame.
     """
     chain, wheels, own = robot.chain, robot.drive(drive), trace["command"]
     ahead = trace["joint"] + trace["_world"] * dt
@@ -108,11 +108,11 @@ def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: 
 
 
 def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[str, float | None]:
-    """Fractions of the hand's path and turning by arm and chair; both add up to one.
+    """Fractions of the hand's path and of its rotation that arm and chair contribute; the two add up to one.
 
-    The hand's velocity is the sum of the chair's and the arm's parts. Each fraction is the component along the hand's
-    direction, integrated over the path: negative if it moves against the hand, above one if it compensates for the
-    other.
+    The hand's velocity is the sum of one velocity from the chair and one from the arm. The component of either along
+    the hand's motion, integrated over time and divided by the hand's path, is its fraction. A fraction is negative if
+    that motion opposes the hand's, and above one if the other one does.
     """
     jacobians, velocity = trace["jacobian"][when], trace["_world"][when]
     chair = np.einsum("nij,nj->ni", jacobians[:, :, :CHAIR], velocity[:, :CHAIR])
@@ -133,10 +133,10 @@ def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[s
 
 
 def kinetic_energies(robot: MobileArm, drive: DriveName, trace: Trace) -> tuple[Array, Array]:
-    """(N,) [J] kinetic energy of the robot, and its value if the chair alone moved the hand horizontally.
+    """Two arrays (N,) [J]: the robot's kinetic energy, and the energy with which the chair alone would move the hand.
 
-    The latter is the least such energy: the arm is locked, and the chair's joints of this drive move; NaN for a drive
-    without such joints.
+    For the second, the arm is locked, and the chair's joints of this drive give the hand its horizontal velocity with
+    the least energy; NaN for a drive without such joints.
     """
     moving = list(robot.drive(drive).moving)
     energy, alone = np.empty(len(trace["joint"])), np.full(len(trace["joint"]), np.nan)
@@ -158,7 +158,7 @@ def kinetic_energies(robot: MobileArm, drive: DriveName, trace: Trace) -> tuple[
 
 
 def goals_met(trace: Trace, goals: Sequence[GoalSection]) -> list[float | None]:
-    """[s] time at which each goal was reached, in order; None for one that was not reached, and all later ones."""
+    """Times [s] at which the goals were reached, in order; None for a goal not reached and for all goals after it."""
     met: list[float | None] = []
     begin = 0
     for goal in goals:

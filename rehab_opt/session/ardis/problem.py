@@ -25,26 +25,28 @@ class RobotSection(Section):
 
     FILES: ClassVar = ("file",)
     file: str | None = Field(default=None, min_length=1)
-    """A robot file whose `mount_m`, `mount_deg` place the arm's base in the chassis frame; by default ARDIS's arm.
-    Chair, user, chassis limits and rotors (0.05 kg m^2 a joint) are those of `ardis` and `arm_on_chair`,
-    assumptions."""
+    """A robot file whose `mount_m` and `mount_deg` place the arm's base in the chassis frame; by default ARDIS's arm.
+    Chair, user, chassis limits and rotor inertias (0.05 kg m^2 for each joint) are the assumptions of `ardis` and
+    `arm_on_chair`."""
     start_m: Pair = Field(default=[0.0, 0.0])
-    """Starting position of the chair's turning point."""
+    """Starting position of the point about which the chair turns."""
     heading_deg: Angle = 0.0
     """Starting heading, counterclockwise from above."""
     arm_deg: Annotated[list[Angle], Field(min_length=4, max_length=100)] | None = None
-    """`[shoulder flexion, shoulder rotation, elbow, wrist]`, by default `ARDIS_READY`; with a robot file, a value for
-    each of its joints is required."""
+    """Starting angles `[shoulder flexion, shoulder rotation, elbow, wrist]`, by default `ARDIS_READY`. With a robot
+    file, a value for each of its joints is required."""
     mount_height_m: float = Field(default=0.70, ge=0.2, le=1.5)
-    """Height of the shoulder; not with a robot file, which defines it."""
+    """Height of the shoulder; not allowed with a robot file, which defines the height itself."""
     chair_mass_kg: float = Field(default=120.0, ge=20, le=500)
     """Mass of the chair with its user."""
     payload_kg: float = Field(default=0.0, ge=0, le=20)
-    """Mass in the hand; not with a robot file, which defines it."""
+    """Mass in the hand; not allowed with a robot file, which defines this mass itself."""
 
     @model_validator(mode="after")
     def said_once(self) -> Self:
-        """Refuse keys that a robot file defines, and a start that does not fit ARDIS's arm."""
+        """Refuse keys that the robot file defines itself, and starting angles that are missing or of the wrong
+        number.
+        """
         if self.file is None:
             if self.arm_deg is not None and len(self.arm_deg) != ARDIS_JOINTS:
                 raise refusal("arm_deg", self.arm_deg, f"{ARDIS_JOINTS} entries")
@@ -63,11 +65,12 @@ class ModeSection(Section):
     name: str = Field(min_length=1, max_length=20)
     """The user's name for the mode."""
     rows: Annotated[list[RowName], Field(min_length=2, max_length=2)]
-    """Quantities that forward and left move: two of x, y, z, rx, ry, rz (chair's frame), roll7."""
+    """The two quantities that the forward and the left axis move, of x, y, z, rx, ry, rz (in the chair's frame) and
+    roll7."""
     speeds: Annotated[list[Annotated[float, Field(ge=-2, le=2)]], Field(min_length=2, max_length=2)]
-    """Their speeds at full deflection [m/s, rad/s]."""
+    """Speeds of these two quantities at full deflection [m/s, rad/s]."""
     held: Annotated[list[RowName], Field(max_length=5)] = Field(default=[])
-    """Rows that stay zero in this mode: `["rx", "ry"]` keeps a cup level."""
+    """Quantities whose speed stays zero in this mode; `["rx", "ry"]` keeps a cup level."""
 
 
 class StickSection(Section):
@@ -76,7 +79,7 @@ class StickSection(Section):
     FILES: ClassVar = DRIVES
     simulated: Annotated[list[DriveName], Field(max_length=4)] = Field(default=[])
     """Drives whose stick a simulated user moves. Each controller has its own user, who watches the hand and steers it
-    to one goal after the other, and gives up a goal after 60 s."""
+    to one goal after the other. If a goal takes more than 60 s, the user releases the stick for good."""
     mecanum: str | None = Field(default=None, min_length=1)
     """Recording for four mecanum wheels, a `.csv` with the header `t_s,forward,left,switch,gripper`: deflections -1 to
     1, buttons 0 or 1; each row holds until the next. All controllers get the same recording, which does not react to
@@ -84,7 +87,7 @@ class StickSection(Section):
     differential: str | None = Field(default=None, min_length=1)
     """Recording for two wheels on one axle, which cannot move sideways."""
     omnidirectional: str | None = Field(default=None, min_length=1)
-    """Recording for a base that takes its twist as command and moves in every direction."""
+    """Recording for a base that moves in every direction; its command is a twist."""
     fixed: str | None = Field(default=None, min_length=1)
     """Recording for a fixed base, where only the arm moves."""
     dead_zone: float | None = Field(default=None, ge=0, lt=1)
@@ -127,14 +130,16 @@ class GoalSection(Section):
     """Required state of the gripper, if any."""
 
     def met(self, hand: ArrayLike, closed: ArrayLike) -> NDArray[np.bool_]:
-        """(...) whether a hand (..., 3) [m], with its gripper closed or open, is at the goal."""
+        """Array (...): whether the hand is at the goal, for its positions (..., 3) [m] and whether its gripper is
+        closed.
+        """
         near = np.linalg.norm(np.asarray(hand) - self.hand_m, axis=-1) <= self.within_m
         as_asked = self.gripper is None or np.asarray(closed) == (self.gripper == "closed")
         return np.asarray(near & as_asked)
 
 
 class WallSection(Section):
-    """A wall: points p of the floor with normal . p > offset are occupied; normal has length one."""
+    """A wall, which occupies the points p of the floor with normal . p > offset; the normal has length one."""
 
     normal: Pair
     """Unit normal."""
@@ -179,7 +184,7 @@ class RunSection(Section):
 
 
 class ArdisProblem(Problem):
-    """A hand that one stick moves to its goals."""
+    """A wheelchair with an arm, whose hand one stick moves to its goals."""
 
     system: Literal["ardis"]
     robot: RobotSection = RobotSection()

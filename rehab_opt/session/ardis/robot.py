@@ -25,18 +25,18 @@ from rehab_opt.session.robot_file import robot_of as arm_of
 from rehab_opt.session.schema import keys_of
 
 MAX_TICKS = 500_000
-"""A longer run would need more than a gigabyte for poses and Jacobians."""
+"""Largest number of ticks in a run; more would need over a gigabyte for poses and Jacobians."""
 
 KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
     "dt": "run.rate_hz",
     "obstacles": "room",
     "row_sets": "stick.modes",
 }
-"""Keys of the problem file for arguments of the library."""
+"""Keys of the problem file, by argument of the library."""
 
 
 def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
-    """The robot with the file's masses: ARDIS, or the arm of a robot file on its chair."""
+    """The robot with the masses of the problem file: ARDIS, or its chair with the arm of a robot file."""
     section = config.problem.robot
     if section.file is not None:
         arm = arm_of(config, section.file)
@@ -104,7 +104,7 @@ def resolver_of(
     solver: str | None = None,
     backup: str | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's room, compiled for the modes of its stick; `backup` as for the controller."""
+    """The controller with the file's obstacles, for the modes of its stick; `backup` as for `RedundancyResolver`."""
     run = config.problem.run
     chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})
     with refused_as(config.file, _key, option=solver):

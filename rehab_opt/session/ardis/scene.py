@@ -1,4 +1,4 @@
-"""`system = "ardis"`: each drive with the published controller and with ours, each with its own user."""
+"""`system = "ardis"`: each drive is run with the published controller and with ours, each with its own user."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from rehab_opt.session.trace import Trace
 Config = ProblemFile[ArdisProblem]
 LAWS = ("published", "optimised")
 STANDSTILL = 1.0
-"""[s] Time after the last release of the stick in which the robot comes to rest."""
+"""[s] A run ends this long after the last release of the stick, so that the robot comes to rest."""
 WALL, ALONG, POST = 0.8, 4.0, 1.2
-"""[m] Drawn height and half length of a wall, and height of a post."""
+"""[m] Sizes in the picture: height and half length of a wall, and height of a post."""
 
 
 class ArdisScene(Scene):
@@ -96,7 +96,7 @@ class ArdisScene(Scene):
         return Steering(robot, law, joystick, stick, plant=plant, start=self.start, wheels=not ideal)
 
     def inputs(self, k: int, control: Steering) -> LiveInputs | None:
-        """The stick's inputs until its last release, and a second more."""
+        """The stick's inputs; a second after the last release of the stick, None ends the run."""
         return None if control.ticks_let_go >= math.ceil(STANDSTILL / self.dt) else super().inputs(k, control)
 
     def also(self, control: Steering, command: Command) -> dict[str, Any]:
@@ -113,7 +113,9 @@ class ArdisScene(Scene):
         }
 
     def derived(self, trace: Trace) -> None:
-        """The hand; and commands in the chair's own frame, where its limits are defined."""
+        """Add columns of the hand, and express the chair's commands in its own frame, in which its limits are
+        defined.
+        """
         q, world, chain = trace["joint"], trace["command"], self.chain
         trace |= {
             "_world": world,
@@ -160,7 +162,9 @@ class ArdisScene(Scene):
         yield from () if near is None else (f"{self.drive} drive: {near.note}",)
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Chair, user and arm; on the participant's screen the first goal that is not reached."""
+        """Data of a picture: chair, user and arm; on the participant's screen, the first goal that is not yet
+        reached.
+        """
         q, robot, goals, frame = shown["q"], self.robot, self.problem.goals, super().frame(shown)
         corners = np.hstack([chair_corners(robot.outline, q[None])[0], np.full((4, 1), 0.04)]).tolist()
         turn = np.array([[math.cos(q[2]), -math.sin(q[2])], [math.sin(q[2]), math.cos(q[2])]])
@@ -177,7 +181,7 @@ class ArdisScene(Scene):
 
 
 def _wall(wall: HalfPlane) -> list[list[float]]:
-    """A rectangle on the wall's line, around its point nearest to the origin."""
+    """Corners of an upright rectangle that shows a wall, centred at the wall's point nearest to the origin."""
     normal = np.asarray(wall.normal) / np.hypot(*wall.normal)
     foot, along = wall.offset * normal, ALONG * np.array([-normal[1], normal[0]])
     a, b = (foot - along).tolist(), (foot + along).tolist()
@@ -197,7 +201,7 @@ SENT = "speeds and accelerations are those of the commands"
 
 
 def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str) -> Iterator[NotMet]:
-    """Duration and reasons of the ticks of `dt` [s] described as `said`; empty if there are none."""
+    """A note for each of the `reasons`: for how long it held, with ticks of `dt` [s], and its effect `said`."""
     for reason, ticks in reason_counts(reasons).items():
         yield NotMet(f"{drive} drive: for {ticks * dt:.1f} s {said}: {reason}")
 

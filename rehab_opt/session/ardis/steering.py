@@ -23,7 +23,7 @@ NO_ANSWER = "no answer"
 
 
 class Published:
-    """Eq. (1), Honzik; the robot rests if it has no solution."""
+    """The published controller, Eq. (1) of Honzik; if the equation has no solution, the robot rests."""
 
     def __init__(self, law: PseudoinverseLaw) -> None:
         self._law = law
@@ -31,7 +31,7 @@ class Published:
     def step(
         self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, *, enable: object, stamp: float | None
     ) -> Command:
-        """Eq. (1) for the stick's twist; `enable` and `stamp` have no effect."""
+        """Command of Eq. (1) for the stick's twist; `enable` and `stamp` have no effect."""
         velocity = np.full(len(q), math.nan)
         with suppress(np.linalg.LinAlgError):
             velocity = self._law.rate(q, twist, rows, frame)
@@ -43,18 +43,19 @@ class Published:
 
 
 class Steering(LiveControl):
-    """A stick, a controller and a robot.
+    """The closed loop of a stick, a controller and a robot.
 
     Parameters
     ----------
     law : a `RedundancyResolver`, or `Published`.
-    stick : moves the robot without a live user; a simulated user belongs to this control alone.
-    plant : takes joint velocities, or with `wheels` wheel speeds and the arm's joint velocities.
+    stick : recording or simulated user, which moves the robot without a live user; the simulated user is not shared.
+    plant : takes joint velocities; if `wheels` is true, it takes wheel speeds and the arm's joint velocities.
     start : (n,) joint positions [m, rad].
 
     Attributes
     ----------
-    law : may be replaced by one of the same kind. ticks_let_go : number of ticks since the last release of the stick.
+    law : controller; another one of its kind may replace it. ticks_let_go : number of ticks since the last release of
+        the stick.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class Steering(LiveControl):
         self.commanded: StickCommand
 
     def untouched(self, time: float) -> LiveInputs:
-        """Inputs of the stick at `time` [s], for the true state of the robot."""
+        """Inputs of the stick at `time` [s]; a simulated user sees the true state of the robot."""
         now = self.plant.truth.position
         inputs = self._stick.at(Moment(time, now, self._robot.chain.pose(now)[:3, 3], self.mode))
         self.ticks_let_go += inputs is None

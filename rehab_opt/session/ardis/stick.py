@@ -17,7 +17,7 @@ from rehab_opt.text_file import LATEST, shown, text_lines
 HEADER = ("t_s", "forward", "left", "switch", "gripper")
 MAX_SAMPLES = 200_000
 LONGEST = 3600.0
-"""[s] A longer recording probably has its times in another unit."""
+"""[s] Largest duration of a recording; a longer one probably has its times in another unit."""
 
 
 LET_GO = LiveInputs(enable=True)
@@ -32,7 +32,7 @@ class Moment(NamedTuple):
     q: Array
     """(7,) joint positions [m, rad]."""
     hand: Array
-    """(3,) [m] in the world frame."""
+    """(3,) [m] position of the hand in the world frame."""
     mode: str
     """Current mode of the stick."""
 
@@ -42,7 +42,8 @@ class StickRecording(NamedTuple):
 
     Parameters
     ----------
-    time : (N,) [s] from zero, increasing. axes : (N, 2). switch, gripper : (N,) buttons.
+    time : (N,) [s] increasing from zero. axes : (N, 2) deflections forward and to the left.
+    switch, gripper : (N,) whether the button is pressed.
     """
 
     time: Array
@@ -52,11 +53,11 @@ class StickRecording(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """[s] until the last sample."""
+        """Time of the last sample [s]."""
         return float(self.time[-1])
 
     def at(self, moment: Moment) -> LiveInputs | None:
-        """The newest sample up to the current time."""
+        """The sample at the moment's time; None after the last sample."""
         if moment.time > self.duration + 1e-9:
             return None
         k = max(int(np.searchsorted(self.time, moment.time + 1e-9, side="right")) - 1, 0)

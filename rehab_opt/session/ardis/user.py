@@ -1,7 +1,8 @@
 """A simulated user, who watches the hand and moves the stick until the hand has reached each goal in order.
 
-The user takes the stick's modes in turn, and switches when little is left to do in one, until the hand is near the
-goal; then the user presses the gripper's button, if the goal needs it. The behaviour is deterministic.
+The user goes through the stick's modes in turn, and changes to the next one when the current mode has little distance
+left to cover. Near the goal, the user presses the gripper's button if the goal requires it. The behaviour is
+deterministic.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from rehab_opt.session.ardis.stick import LET_GO, Moment
 from rehab_opt.session.live.problem import LiveInputs
 from rehab_opt.session.outcome import Array
 
-RATE = 20.0  # [Hz] of the stick, which is held in between
-NEAR = 0.5  # fraction of a goal's tolerance at which the user is content
+RATE = 20.0  # [Hz] at which the user changes the deflection
+NEAR = 0.5  # the user stops within this fraction of a goal's tolerance
 SLOW = 0.8  # [1/s] the deflection falls in proportion to the distance below speed / SLOW
 PRESS = 0.25  # [s] that a button is held down
-PAUSE = 0.3  # [s] after a button
-BEGIN = 0.5  # [s] before the stick is moved
+PAUSE = 0.3  # [s] without motion after a button is released
+BEGIN = 0.5  # [s] from the start until the stick is first moved
 PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
 
 
@@ -31,7 +32,7 @@ class SimulatedUser:
 
     Parameters
     ----------
-    goals : at least one. joystick : its modes and its dead zone are known to the user.
+    goals : at least one. joystick : its modes and its dead zone, which the user knows.
     """
 
     def __init__(self, goals: Sequence[GoalSection], joystick: Joystick) -> None:
@@ -43,7 +44,7 @@ class SimulatedUser:
         self._over = math.inf
 
     def at(self, moment: Moment) -> LiveInputs | None:
-        """The stick's current sample; None after the last goal, or after one that was not reached in time."""
+        """The stick's current sample; None after the last goal, or after a goal that was not reached in time."""
         if moment.time > self._over or moment.time - self._begun > PATIENCE:
             return None
         if moment.time >= self._next - 1e-9:
@@ -87,7 +88,7 @@ class SimulatedUser:
 
 
 def _ways(error: Array, moment: Moment, mode: StickMode) -> Array:
-    """(2,) [m] remaining distance along the rows that the mode moves; the wrist needs no motion."""
+    """(2,) [m] remaining distance along the two quantities that the mode moves; zero for a rotation."""
     cos, sin = math.cos(moment.q[2]), math.sin(moment.q[2])
     along = {"x": cos * error[0] + sin * error[1], "y": cos * error[1] - sin * error[0], "z": error[2]}
     moved = zip(mode.rows, mode.speeds, strict=True)

@@ -85,7 +85,7 @@ def kept_off(middle: Array, bodies: Sequence[Clearance], planes: Sequence[KeepOu
 
 
 def moving_rows(told: Array) -> list[list[Any]]:
-    """Capsules of k moving bodies, from the numbers (k, 14) of `moving_numbers`."""
+    """Capsules of k moving bodies, from the data (k, 14) of `moving_numbers`."""
     return [[*each[:6].round(4).tolist(), float(each[12]), PURPLE] for each in told]
 
 
@@ -114,7 +114,8 @@ class ArmBodies:
 
     Parameters
     ----------
-    chain : kinematics of the arm. radius : radius of the sticks [m]. first : number of first joints without a stick.
+    chain : kinematics of the arm. radius : radius of the sticks [m]. first : number of joints, from the base, without a
+        stick.
     """
 
     def __init__(self, chain: SerialChain, *, radius: float = STICK, first: int = 0) -> None:

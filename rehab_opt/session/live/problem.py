@@ -184,7 +184,8 @@ class LiveProblem(ABC):
     logged = False
     """Whether a log is shown, for which the page has no controls."""
     hands = 1
-    """Number of hands; with 2 hands, the page moves the helper's target, the participant's page the participant's."""
+    """Number of hands. With 2 hands, the page moves the helper's target, and the participant's page moves the
+    participant's target."""
     device: DeviceAddress | None = None
     """Address of a real robot, or None; the page cannot push a real robot or disturb its sensors."""
     controls: ClassVar[frozenset[str]] = frozenset()

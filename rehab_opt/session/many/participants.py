@@ -125,7 +125,7 @@ def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> 
 
 
 def replaced(base: dict[str, Any], given: dict[str, str], *, file: str) -> dict[str, Any]:
-    """Copy of a problem's content with the cells of a row in place of values, by dotted key.
+    """Copy of a problem's content in which the cells of a row replace values, by dotted key.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
 
 
 def _named_once(numbers: Mapping[str, Cell]) -> dict[str, Cell]:
-    """The numbers, with names that all rows share in memory, because names for 10 000 people need much memory."""
+    """The numbers, under names that all rows share in memory; separate names for 10 000 people would need too much."""
     return {sys.intern(key): value for key, value in numbers.items()}
 
 
@@ -134,7 +134,7 @@ def _typed(cells: Sequence[Cell]) -> Sequence[Cell]:
 
 
 def write_groups(rows: Sequence[ResultRow], file: Path) -> None:
-    """Write count, mean, standard deviation and quartiles of each metric over the people of a group and condition."""
+    """Write count, mean, standard deviation and quartiles of each metric, for each group and condition of people."""
     of: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         group, condition = (row.covariates.get(key) or "all" for key in ("group", "condition"))
