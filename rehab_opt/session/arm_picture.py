@@ -56,9 +56,7 @@ VIEWS: Mapping[str, View] = {
 
 
 def range_note(name: str, arm: SerialChain, *, side: str = "") -> str:
-    """The range of motion of an arm in goniometer angles; it warns of angles that look like another unit or
-    convention.
-    """
+    """An arm's range of motion in goniometer angles, with a warning if they look like another unit or convention."""
     said = [range_in_words(movement, *pair) + _looks_like(movement, *pair) for movement, pair in _measured(arm).items()]
     whose = f" of the {side} arm" if side else ""
     return f"range of motion {name!r}{whose}, as a goniometer reads it: {'; '.join(said)}"

@@ -1,6 +1,6 @@
-"""Common to all figures: their one style, frame, colours, joints over time, servos, legends.
+"""Parts that all figures share: style, empty figure, colours, legends, and panels over time.
 
-A figure has no title: its caption is its label, and `captions.md` of a run has those of all figures.
+A figure has no title. Its caption is stored as the figure's label, and a run writes all captions to `captions.md`.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:  # loaded where a figure is made: reading a problem needs none
 
 
 Gaps: TypeAlias = Sequence[tuple[float, float]]
-"""(from, to) [s] without samples."""
+"""Intervals (from, to) [s] without samples."""
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Colours that every kind of colour vision distinguishes."""
 REFERENCE, MISSED, LIMIT, EVENT = "#000000", "#CC79A7", "#BBBBBB", "#009E73"
 WIDE, NARROW = 7.2, 3.5
-"""[inches] Across both columns of a journal's page, and across one."""
+"""[inches] Width of a figure that spans both columns of a journal page, and of one that spans a single column."""
 THIN, BROAD = 0.6, 4.0
-"""[points] Lines of single trials, and of a reference below its followers; all others are as in `STYLE`."""
+"""[points] Line widths of a single trial, and of a reference below the paths that follow it; others are in `STYLE`."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": "medium",
@@ -54,12 +54,12 @@ STYLE: dict[Any, Any] = {
 }
 MM = 1e3
 ACROSS, FORWARD = "x, to the right [mm]", "y, forward [mm]"
-"""From the shoulder."""
+"""Axis labels for positions relative to the shoulder."""
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Matplotlib in the style of all figures; for whatever draws or saves one."""
+    """Context in which matplotlib has the style of all figures; needed to draw a figure and to save it."""
     from matplotlib import rc_context  # noqa: PLC0415
 
     with rc_context(STYLE):
@@ -78,7 +78,7 @@ def framed(caption: str, height: float, width: float = WIDE) -> Figure:
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist] = ()) -> Figure:
-    """The figure with one legend for all of it, outside of all axes: of these handles, or of what its axes label."""
+    """Add one legend below all axes, for `handles` or, without them, for all labels of the axes; return the figure."""
     of: dict[str, Artist] = {}
     for axes in figure.axes if not handles else ():
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -90,7 +90,7 @@ def legend_below(figure: Figure, handles: Sequence[Artist] = ()) -> Figure:
 
 
 def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", from_zero: bool = False) -> None:
-    """Panels above each other with a common time axis: one time label, shared limits, and zero as their lower end."""
+    """Label panels above each other that share a time axis; with `from_zero`, their y axes start at zero."""
     for panel, label in zip(panels, labels, strict=True):
         panel.set_ylabel(label)
         if from_zero:
@@ -101,7 +101,7 @@ def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", fr
 
 
 def end_at(axes: Axes, top: float, *, bottom: float = 0.0) -> None:
-    """Set the limits of a panel; a note in its corner names the lines that go beyond `top`, with their peaks."""
+    """Set the y limits of a panel; a note in its corner names the curves that go beyond `top`, with their peaks."""
     axes.set_ylim(bottom, top)
     peaks = [(str(line.get_label()), _peak(axes, line)) for line in axes.lines]
     beyond = [f"{label} {peak:.3g}" for label, peak in peaks if peak > top and not label.startswith("_")]
@@ -123,7 +123,7 @@ LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
     "published": {"color": OKABE_ITO[1], "linestyle": "--", "label": "published controller"},
 }
 STRETCHED = 2.0
-"""Times a limit, where a panel ends; a note names what goes beyond."""
+"""A panel ends at this multiple of its limit at the latest; a note names the curves that go beyond."""
 
 
 class Panel(NamedTuple):
@@ -132,9 +132,9 @@ class Panel(NamedTuple):
     label: str
     """Label with its unit."""
     of: Callable[[Trace], Array]
-    """(N,) in the label's unit"""
+    """Function from a trace to the plotted values (N,), in the label's unit."""
     limit: float = math.nan
-    """Value of a dotted line."""
+    """Value of a dashed line that marks a limit; NaN for none."""
     low: float = 0.0
     high: float | None = None
 
@@ -149,10 +149,10 @@ def figure_over_time(
     gaps: Gaps = (),
     styles: Mapping[str, Mapping[str, Any]] = LAW_STYLES,
 ) -> Figure:
-    """One row for each panel, one column for each group of traces, one line for each controller of a group.
+    """Figure with a row for each panel, a column for each group of traces, and a curve for each controller.
 
-    `events` are times [s] by group, numbered from 1; the legend calls them `event`. `gaps` are hatched. A panel
-    ends at twice its limit, and a note names what goes beyond.
+    `events` are times [s] by group, which are marked and numbered from 1; the legend calls them `event`. `gaps` are
+    hatched. A panel ends at twice its limit at the latest, and a note names the curves that go beyond.
     """
     count = max(len(trace["t_s"]) for of in groups.values() for trace in of.values())
     figure = framed(f"{caption} n = {count} ticks a run.", 0.7 + 1.3 * len(panels))
@@ -175,7 +175,7 @@ def figure_over_time(
 
 
 def _scale(row: Iterable[Axes], panel: Panel) -> None:
-    """Limits of a row of panels, which share them."""
+    """Set the y limits that the panels of a row share."""
     row = list(row)
     peak = max(axes.dataLim.y1 for axes in row)
     for axes in row:
@@ -190,7 +190,7 @@ def _scale(row: Iterable[Axes], panel: Panel) -> None:
 
 
 def labelled_gaps(gaps: Gaps) -> Iterator[tuple[tuple[float, float], str]]:
-    """Gaps (from, to) [s] of a recording; only the first has a label, for all."""
+    """Each gap (from, to) [s] of a recording, with its label; only the first label is shown, for all gaps."""
     label = f"no samples: {sum(b - a for a, b in gaps):.2g} s, bridged"
     yield from ((gap, "_" if number else label) for number, gap in enumerate(gaps))
 
@@ -221,7 +221,7 @@ def columns_figure(columns: Mapping[str, Any]) -> dict[str, Figure]:
 
 
 def path_figure(reference: Array, paths: Mapping[str, Array]) -> Figure:
-    """Paths (N, 3) [m] by controller from above, from the side and from behind, with their reference (N, 3) [m]."""
+    """Figure of paths (N, 3) [m], by controller, and their reference (N, 3) [m], seen from above, side and behind."""
     caption = "Path of the tool [mm] seen from above, from the side and from behind, over its reference (broad line);"
     figure = framed(f"{caption} n = {len(reference)} ticks.", 2.6)
     panels = figure.subplots(1, 3)
@@ -290,7 +290,7 @@ def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
 
 TRUE, COMMANDED = OKABE_ITO[0], OKABE_ITO[4]
 CLOSE_UP = 0.5
-"""[s] Time span around the fastest change, in which delay and servo are visible."""
+"""[s] Length of the close-up around the fastest change, which shows delay and response of the servo."""
 
 
 def servo_figure(
@@ -307,10 +307,10 @@ def servo_figure(
 
     Parameters
     ----------
-    names : (n,) of the joints. trace : with `command` and true `velocity` (N, n). most : (n,) limits [rad/s, m/s].
-    of : what run it is, where there are several.
-    lengths : how many of the joints, the first ones, are in metres; the others are angles.
-    what, unit : quantity, and the unit of the joints that are no angles, where it is none of speeds.
+    names : names of the n joints. trace : trace with the columns `command` and (true) `velocity` (N, n).
+    most : (n,) largest speeds [rad/s, m/s]. of : text of the caption that names the run, if there are several.
+    lengths : number of joints, from the first one, that are in metres; the others are angles.
+    what, unit : for quantities other than speeds: text of the caption, and unit of the joints that are in metres.
     """
     figure = framed(
         f"{what}{of}, commanded and true: the whole run, and the half second of the largest change. "
@@ -339,7 +339,7 @@ def servo_figure(
 
 
 def _moment(trace: Trace, lengths: int) -> float:
-    """[s] Time of the largest change of a true speed, relative to the fastest joint of its kind."""
+    """Time [s] of the largest change of a true speed, relative to the fastest joint with the same unit."""
     time, velocity = trace["t_s"], trace["velocity"]
     if len(time) < 3:
         return float(time[0])
@@ -351,17 +351,17 @@ def _moment(trace: Trace, lengths: int) -> float:
 
 
 ROOM = 0.97
-"""Largest fraction of the width of a figure or panel for a text."""
+"""Largest width of a text, as a fraction of the width of its figure or panel."""
 LINE = 1.3 * STYLE["font.size"] / 72
 """[inches] Height of a line of text."""
 FEWEST_LETTERS = 8
 
 
 def fitted(figure: Figure) -> Figure:
-    """The figure itself, its headings broken into lines and its legends into columns that it has room for.
+    """Break headings into lines, and legends into columns, that fit the figure's width; return the figure.
 
-    The figure grows by the added height, so that panels keep their size. A dollar sign that starts no formula stays a
-    dollar sign.
+    The figure grows by the added height, so that panels keep their size. A dollar sign outside a formula is printed as
+    it is.
     """
     from matplotlib.text import Text  # noqa: PLC0415
 
@@ -397,7 +397,7 @@ def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
 
 
 def _fit_legend(figure: Figure, legend: Legend) -> None:
-    """Draw the figure's legend again with fewer columns, then shorter lines, if it is wider than the figure."""
+    """If the legend is wider than the figure, redraw it with fewer columns, and then break its labels."""
     labels, room = [text.get_text() for text in legend.get_texts()], ROOM * figure.bbox.width
     handles, before = legend.legend_handles, _height(legend)
     for columns in sorted({math.ceil(len(labels) / rows) for rows in range(2, len(labels) + 1)}, reverse=True):
@@ -419,7 +419,7 @@ def _shorten(figure: Figure, legend: Legend, room: float) -> None:
 
 
 def _titles(axes: Axes) -> list[Text]:
-    """The headings of a panel: what stands in them, and nowhere else."""
+    """The text objects that are headings of a panel."""
     from matplotlib.text import Text  # noqa: PLC0415
 
     said = {axes.get_title(loc) for loc in ("left", "center", "right")} - {""}

@@ -14,9 +14,7 @@ from rehab_opt.session.outcome import Array
 
 
 def chair_corners(outline: Outline, q: Array) -> Array:
-    """(N, 4, 2) [m] floor positions of the chair's corners, in order around its outline, at joint positions q (N,
-    7).
-    """
+    """(N, 4, 2) [m] floor positions of the chair's corners, in order around it, at joint positions q (N, 7)."""
     corners = outline.corners[[0, 1, 3, 2]]
     cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
     x = q[:, :1] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1]

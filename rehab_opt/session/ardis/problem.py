@@ -44,9 +44,7 @@ class RobotSection(Section):
 
     @model_validator(mode="after")
     def said_once(self) -> Self:
-        """Refuse keys that the robot file defines itself, and starting angles that are missing or of the wrong
-        number.
-        """
+        """Refuse keys that the robot file defines itself, and missing or too many starting angles."""
         if self.file is None:
             if self.arm_deg is not None and len(self.arm_deg) != ARDIS_JOINTS:
                 raise refusal("arm_deg", self.arm_deg, f"{ARDIS_JOINTS} entries")
@@ -130,9 +128,7 @@ class GoalSection(Section):
     """Required state of the gripper, if any."""
 
     def met(self, hand: ArrayLike, closed: ArrayLike) -> NDArray[np.bool_]:
-        """Array (...): whether the hand is at the goal, for its positions (..., 3) [m] and whether its gripper is
-        closed.
-        """
+        """Whether the hand is at the goal, for positions `hand` (..., 3) [m] and gripper states `closed` (...)."""
         near = np.linalg.norm(np.asarray(hand) - self.hand_m, axis=-1) <= self.within_m
         as_asked = self.gripper is None or np.asarray(closed) == (self.gripper == "closed")
         return np.asarray(near & as_asked)

@@ -113,9 +113,7 @@ class ArdisScene(Scene):
         }
 
     def derived(self, trace: Trace) -> None:
-        """Add columns of the hand, and express the chair's commands in its own frame, in which its limits are
-        defined.
-        """
+        """Add columns of the hand; express the chair's commands in its own frame, where its limits are defined."""
         q, world, chain = trace["joint"], trace["command"], self.chain
         trace |= {
             "_world": world,
@@ -162,9 +160,7 @@ class ArdisScene(Scene):
         yield from () if near is None else (f"{self.drive} drive: {near.note}",)
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Data of a picture: chair, user and arm; on the participant's screen, the first goal that is not yet
-        reached.
-        """
+        """Data of a picture: chair, user, arm; on the participant's screen, the first goal that is not reached."""
         q, robot, goals, frame = shown["q"], self.robot, self.problem.goals, super().frame(shown)
         corners = np.hstack([chair_corners(robot.outline, q[None])[0], np.full((4, 1), 0.04)]).tolist()
         turn = np.array([[math.cos(q[2]), -math.sin(q[2])], [math.sin(q[2]), math.cos(q[2])]])

@@ -17,7 +17,7 @@ from rehab_opt.text_file import LATEST, header_cells, shown, text_lines
 HEADER = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 POINTS = ("vr_x_m", "vr_y_m", "vr_z_m", "robot_x_m", "robot_y_m", "robot_z_m")
 FAR = 10.0
-"""[m] A hand further away is probably in another unit."""
+"""[m] Largest coordinate of a hand; a larger one is probably in another unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,10 @@ class HandPoses:
 
 
 def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> HandPoses:
-    """Read a file with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or, with column numbers, rows of numbers without a
-    header.
+    """Read hand poses from a file with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or from the numbered columns.
 
-    Cells may be empty or nan: the tracker had lost the hand. The separator is found as for traces (`read_csv`).
+    A file that is read by column numbers has no header. An empty or nan cell means that the tracker had lost the hand.
+    The separator is found as by `read_csv`.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
 
 
 def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
-    """Corresponding points (N, 3) [m] in the recording's frame and in the robot's; the header shows the separator."""
+    """Two arrays (N, 3) [m] of corresponding points, in the recording's frame and in the robot's frame."""
     lines = text_lines(path, name)
     mark = next((each for each in SEPARATORS.values() if each and each in lines[0]), ",")
     point = "," if mark != "," and any("," in line for line in lines[1:]) else "."
@@ -105,7 +105,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
 
 
 def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, str], *, name: str) -> Array:
-    """(rows, len(columns)) cells below a header that has each of the columns once."""
+    """Numbers (rows, len(columns)) below a header, which must have each of the columns once."""
     header = header_cells(lines[0].split(marked[0]), name=name, line=1)
     missing = [column for column in columns if header.count(column) != 1]
     if missing:
@@ -116,7 +116,7 @@ def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, s
 def _numbers(
     rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str | None, str], *, name: str, first: int
 ) -> Array:
-    """(rows, columns) cells; empty ones are NaN. `first` is the line of the first row, counted from 1."""
+    """Numbers (rows, columns); an empty cell is NaN. `first` is the line of the first row, counted from 1."""
     lost, (mark, point) = dict.fromkeys(wanted, MISSING), marked
     table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=mark, point=point, missing=lost)
     if len(table) < 3:

@@ -1,4 +1,4 @@
-"""The controllers of a mirrored hand on one reference: without a floor, tick by tick, and planned as a whole."""
+"""Runs of a mirrored hand along one reference: without a manipulability floor, tick by tick, and planned in advance."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ LAWS = (BEFORE, STEP, PLAN)
 """Names of the controllers in the order of the figures; A* is separate, since its path has no times."""
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0
-"""[m/s] Speed limit of a hand without a floor."""
+"""[m/s] Speed limit of the hand for the controller without a manipulability floor."""
 APPROACH = 5.0
 """[s] Time for the approach to the first pose."""
 SETTLED = 1e-3
 """[rad/s] Joint speeds below which a motion has ended."""
 ARRIVED = 2.0
-"""[s] at the last pose after which a motion also ends: a hand at its floor may creep on."""
+"""[s] A motion also ends after this time at the last pose, since a hand at the manipulability floor may creep on."""
 SETTLED_AMID_NOISE = 0.03
-"""[rad/s] The same with encoder noise, to which commands react."""
+"""[rad/s] `SETTLED` for encoders with noise, to which the commands react."""
 TRACKER_KEYS = (
     "floor", "max_deviation_mm", "max_turn_deg", "linear_speed_m_s", "angular_speed_deg_s", "catch_up",
 )  # fmt: skip
@@ -47,7 +47,7 @@ KEYS = keys_of(tracker=MirrorTrackerSection) | {
     "grip": "robot.grip_deg",
     "start": "patient.arm.start_deg",
 }
-"""Keys of the problem file for arguments of the tracker."""
+"""Keys of the problem file, by argument of the tracker."""
 
 
 def tracker_of(
@@ -56,7 +56,8 @@ def tracker_of(
     """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are other arguments of
     `MirrorTracker`.
 
-    With `live` it gets the person's arm, and limits the reference to it in each tick; `setup.led` is already limited.
+    With `live`, the tracker limits the reference in each tick to what the person's arm can reach; the reference
+    `setup.led` is already limited.
     """
     section = problem.tracker
     planes = planes_of(section.keep_out, file, "tracker.keep_out")
@@ -77,17 +78,17 @@ def tracker_of(
 
 
 def led_trace(setup: Setup, ran: Trace, *, max_manipulability: float, **of: Any) -> Trace:
-    """One row for each tick of a run along the reference; cells without a reference are empty.
+    """Trace of a run along the reference, a row for each tick; cells are empty where the reference is lost.
 
-    Columns that are only kept in memory: the poses `_tool` and `_reference` (N, 4, 4); `_short` (N, 2) [m, rad], the
-    least deviation that person and robot can reach, and its part `_person` due to the person's arm; `_reason`;
-    `_seconds` (N,) or (1,) of computing; `_complete`, whether the end of the reference was reached; `_velocity` of a
-    robot that does not move as commanded.
+    These columns are only kept in memory: the poses `_tool` and `_reference` (N, 4, 4); `_short` (N, 2) [m, rad], the
+    smallest deviation that person and robot allow; `_person` (N, 2), how much of `_short` the person's arm causes;
+    `_reason`; `_seconds` (N,) or (1,), the computing time; `_complete`, whether the end of the reference was reached;
+    `_velocity`, the true joint velocities of a robot that does not move as commanded.
 
     Parameters
     ----------
-    ran : t_s, joint, command, status, relaxed, reason and _seconds.
-    of : reference, lag, pace, short, person, complete; counts of waits, skips and so on; tool, if it is known.
+    ran : trace with the columns t_s, joint, command, status, relaxed, reason and _seconds.
+    of : values of reference, lag, pace, short, person and complete; counts of waits, skips and so on; tool, if known.
     """
     robot, q, reference = setup.robot, ran["joint"], of["reference"]
     tool = of["tool"] if "tool" in of else np.array([robot.pose(each) for each in q])
@@ -119,7 +120,7 @@ def led_trace(setup: Setup, ran: Trace, *, max_manipulability: float, **of: Any)
 
 
 def without_floor(setup: Setup, plant: Plant, *, max_manipulability: float, progress: Progress) -> Trace:
-    """The reference at its own speed with only the robot's limits: the paper's comparison without a floor."""
+    """Track the reference at its own speed with the robot's limits alone, as the paper does for comparison."""
     dt, (poses, twists) = plant.dt, (setup.reference.poses, setup.reference.twists)
     tracker = PoseTracker(setup.robot, dt=dt, linear_speed=ANY_SPEED, angular_speed=20.0)
     start, first = setup.start.copy(), poses[~setup.reference.lost][0]
@@ -138,10 +139,10 @@ def without_floor(setup: Setup, plant: Plant, *, max_manipulability: float, prog
 def track_reference(
     tracker: MirrorTracker, setup: Setup, plant: Plant, *, patience: float, progress: Progress
 ) -> Trace:
-    """Closed loop, tick by tick, without knowledge of the future.
+    """Track the reference in closed loop, tick by tick, without knowledge of the future.
 
-    After the end of the recording its last pose stays, until the clock has passed it or `patience` durations have
-    passed.
+    After the recording's end, its last pose remains the reference. The run ends when the robot has arrived there, or
+    after `patience` times the recording's duration.
     """
     tracker.reset()
     tracker.counts.clear()  # they outlive a reset
@@ -167,7 +168,7 @@ def track_reference(
 
 
 def planned(tracker: MirrorTracker, setup: Setup, *, progress: Progress) -> Trace:
-    """The whole motion, planned in advance."""
+    """Trace of the motion that is planned as a whole in advance."""
     progress("plan", 0, 1)
     tracker.counts.clear()
     path = tracker.plan(setup.led.poses, setup.led.twists, setup.start)

@@ -1,4 +1,4 @@
-"""A mirrored hand live: the tracker of `rehab-opt run`, with the recording to and fro, or with a dragged hand."""
+"""A mirrored hand live: the tracker of `rehab-opt run` follows the recording to and fro, or a dragged target."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rehab_opt.session.plant import device_of, joint_plant
 from rehab_opt.session.scene import Plot, Scene, arm_plots
 
 FRAME = 1 / 30
-"""[s] Time between pictures, the step of the person's arm."""
+"""[s] Time between two pictures, and time step of the person's arm."""
 
 
 class LiveMirror(Scene):
@@ -84,7 +84,7 @@ class LiveMirror(Scene):
         return _Mirroring(tracker, plant, setup.start, reference.poses[seen], reference.twists[seen])
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Robot, the patient's arm, and the reference."""
+        """Data of a picture: robot, the patient's arm, and the reference."""
         if self._person is None:
             return super().frame({**shown, "joints": shown["q"]})
         bodies, limit = self._person

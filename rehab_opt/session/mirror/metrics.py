@@ -1,4 +1,4 @@
-"""The numbers of a mirrored motion, and why the hand deviates from the reference or is late; strict JSON."""
+"""Metrics of a mirrored motion, and the causes for which the hand deviates from the reference or is late."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ from rehab_opt.session.trace import Trace
 from rehab_opt.session.upper_limb.problem import SmoothingSection
 
 CAUSES = ("followed", "late", "person's arm", "floor", "keep-out", "robot's reach", "stopped")
-"""In the order of the figures. Late: the reference is slowed, or the hand lags behind it. If several hold, the first of
-`stopped`, `person's arm`, `floor`, `keep-out`, `robot's reach`, `late` counts."""
+"""Causes in the order of the figures. `late`: the reference is slowed, or the hand lags behind it. If several apply,
+the
+first of `stopped`, `person's arm`, `floor`, `keep-out`, `robot's reach`, `late` counts."""
 NEAR, TURNED = 5e-3, math.radians(5.0)
-"""[m, rad] Deviation up to which a hand follows the reference."""
+"""[m, rad] Within this deviation, the hand counts as following the reference."""
 AT_FLOOR, AT_PLANE = 0.02, 0.005
-"""Distance of w / w_max from the floor, and height [m] above a plane, up to which these count as the cause."""
+"""The floor counts as the cause if w / w_max is this close to it, and a plane if the robot is less than this height [m]
+above it."""
 
 
 def causes(led: Trace, drive: Trace, bounds: HandBounds) -> NDArray[np.int_]:
-    """(M,) index in `CAUSES` of each sample of the drive: why the controller deviates, or the drive lags."""
+    """Index (M,) in `CAUSES` for each sample of the drive: the cause of a deviation of the controller, or of a lag."""
     short, from_arm = led["_short"], led["_person"]
     person = (from_arm[:, 0] > NEAR) | (from_arm[:, 1] > TURNED)
     robot = (short - from_arm > (NEAR, TURNED)).any(axis=1) & ~person
@@ -56,17 +58,17 @@ FREE = 1e9
 ROUNDING = 1e-9
 """[s] Tolerance for the time of a tick."""
 AGAIN = 20
-"""Largest number of passes."""
+"""Largest number of attempts to find a speed of the joints at which the hand is slow enough."""
 
 
 def driven(
     led: Trace, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
 ) -> Trace:
-    """Motion of a drive along a controller's joints: all joints wait for the slowest one, and for the hand.
+    """Motion of a drive along the joint path of a controller: all joints wait for the slowest one and for the hand.
 
-    The joints pass `smooth_path`; the path length of the hand is one more axis, no faster than `linear_speed` [m/s]. If
-    the joints move the hand faster between two samples, everything is passed again at a lower speed. For a robot with
-    servos it is the robot's true motion. `law_t_s` is the corresponding time of the controller's run.
+    `smooth_path` computes it, with the path length of the hand as one more axis, no faster than `linear_speed` [m/s].
+    If the hand is faster between two samples, the motion is computed again at a lower speed. For a robot with servos,
+    the result is the robot's true motion. `law_t_s` is the corresponding time of the controller's run.
     """
     if "_velocity" in led:
         return Trace(led | {"law_t_s": led["t_s"]})
@@ -114,16 +116,15 @@ def _passed(
 
 
 BELOW = 1e-3
-"""w / w_max further below the floor counts as under it."""
+"""w / w_max counts as below the floor only if it is lower by more than this."""
 SAMPLES = 400
-"""Largest number of reference poses that are searched for on a path."""
+"""Largest number of reference poses for which `passed_fraction` searches a path."""
 
 
 def led_metrics(
     led: Trace, drive: Trace, bounds: HandBounds, reference: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
-    """Metrics of one controller and its `drive`; where the tracker lost the hand there is no reference, and no distance
-    to it.
+    """Metrics of one controller and its `drive`; deviations exist only where the tracker had not lost the hand.
 
     `reference` (N, 4, 4) are the reference poses without lost samples; `cause` (K,) are the drive's `causes`.
     """
@@ -177,7 +178,7 @@ def _lags(lag: Array) -> dict[str, float]:
 
 
 def passed_fraction(tool: Array, reference: Array) -> float:
-    """Fraction of reference poses (N, 4, 4) that a path (M, 4, 4) passes, at any time."""
+    """Fraction of reference poses (N, 4, 4) that a path (M, 4, 4) passes within `NEAR` and `TURNED`, at any time."""
     poses = reference[:: math.ceil(len(reference) / SAMPLES)]
     met = 0
     for pose in poses:
@@ -202,6 +203,6 @@ def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict
 
 
 def _kind(reason: str) -> str:
-    """A reason without its measured part."""
+    """A reason without its measured numbers."""
     parts = ["the reference is slowed" if "of its pace" in part else part for part in reason.split("; ") if part]
     return "; ".join(parts)

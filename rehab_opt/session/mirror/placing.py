@@ -1,8 +1,9 @@
-"""Find a seat for the patient of a mirrored recording, and the robot's grip, then run the candidates.
+"""Search a seat for the patient of a mirrored recording, and the robot's grip; then run the best candidates.
 
-The unknowns are a rigid motion of the patient (position and direction) and the grip; both follow from a robot posture
-at one pose of the path and a direction. A search counts the fraction of the path that the robot can follow, without
-times (`Seats`). The best seats that differ enough are run as by `rehab-opt run`, and the best run wins.
+The unknowns are the position and direction of the patient, and the grip. They follow from the robot's posture at one
+pose of the path, and from the patient's direction. For each candidate, a search computes the fraction of the path that
+the robot can follow at any speed (`Seats`). The best candidates that differ enough are run as by `rehab-opt run`, and
+the best run wins.
 """
 
 from __future__ import annotations
@@ -31,47 +32,47 @@ from rehab_opt.session.robot_file import pose_of
 from rehab_opt.session.systems import NotMet
 
 POSES, ALL_POSES = 60, 300
-"""Number of poses of the path in the search, and for a single seat."""
+"""Number of checked poses of the path: in the search for seats, and for a single seat."""
 CHANGING = 0.1
-"""[s] Time between poses where the person's arm changes its posture."""
+"""[s] Time between checked poses while the person's arm changes its posture."""
 NEARLY = 4e-3, math.radians(4.0)
-"""[m, rad] Deviation up to which the person's arm reaches a pose."""
+"""[m, rad] Within this deviation, the person's arm counts as reaching a pose."""
 ANYWHERE, NEARER, BEST = 600, (0.35, 0.2, 0.12, 0.07, 0.04, 0.02), 20
-"""Number of random seats, spreads [rad] of seats around the best, and number of best seats."""
+"""Number of random seats; standard deviations [rad] of the further seats around the best ones; number of best seats."""
 SEARCHES = 12
 """Number of searches, each with new random seats."""
 TRIED, ENOUGH, SHORT, APART = 12, 3, 0.02, 0.5
-"""Largest number of seats to run; sufficient number if a run comes this close to the limit of the person's arm; least
-difference between seats [rad or m], since similar seats may all end with the same joint at its limit."""
+"""At most `TRIED` seats are run; `ENOUGH` suffice if one passes all but `SHORT` of the path that the person's arm can
+reach. Seats differ by `APART` [rad or m] at least, since similar ones may all end with the same joint at its limit."""
 HEIGHT, AWAY = (-0.1, 0.5), 0.45
 """[m] Range of the led shoulder's height above the robot's base; least distance of the patient's middle and shoulders
-from its axis."""
+from the vertical axis of the base."""
 CLEAR = 0.3
-"""[m] Least distance of the robot's joints before its wrist from the vertical through the patient's middle."""
+"""[m] Least horizontal distance between the patient's middle and the robot's joints before its wrist."""
 GOOD = 0.5
-"""Fraction of the largest manipulability above which postures are drawn."""
+"""Least manipulability of a random posture, as a fraction of the largest."""
 
 
 class Place(NamedTuple):
     """Values for keys of a problem file, by section, and the result of a run with them."""
 
     keys: dict[str, dict[str, Any]]
-    """E.g. `keys["placement"]["origin_m"]`; "patient.arm" is a section."""
+    """Values by section and key, such as `keys["placement"]["origin_m"]`; "patient.arm" is a section."""
     passed: float
-    """Fraction of the reference poses that `step` passes within 5 mm and 5 deg."""
+    """Fraction of the reference poses that the controller `step` passes within 5 mm and 5 deg."""
     counted: float
-    """Fraction of them that the search predicted."""
+    """Fraction of the reference poses that the search expected to be passed."""
 
 
 def found_place(
     config: ProblemFile[MirrorProblem], *, seats: int = ANYWHERE, seed: int = 0, progress: Progress
 ) -> Place:
-    """Seat, direction, grip and starting posture with which the robot passes the largest part of the recording.
+    """Seat, direction, grip and starting posture with which the robot passes the largest fraction of the poses.
 
     Parameters
     ----------
-    seats : number of random seats; six times a quarter as many are drawn around the best. This repeats up to `SEARCHES`
-        times, until `ENOUGH` seats reach the limit of the person's arm.
+    seats : number of random seats in a search. Then, in each of six rounds, a quarter as many are drawn around the best
+        ones. Searches repeat, up to `SEARCHES` times, until `ENOUGH` seats allow all that the person's arm can reach.
     """
     if config.problem.placement.origin_m is None:
         raise ProblemFileError(
@@ -110,7 +111,7 @@ def found_place(
 
 
 def _apart(drawn: Array, scores: Array) -> list[Array]:
-    """The best seats of (M, n + 1) that differ by more than `APART`."""
+    """The best of the seats `drawn` (M, n + 1) that differ from each other by more than `APART`."""
     found: list[Array] = []
     left = drawn[np.argsort(-scores, kind="stable")][: (scores > 0.0).sum()]
     while len(left) and len(found) < TRIED:
@@ -131,7 +132,7 @@ def placed(config: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) 
 
 
 def achieved(config: ProblemFile[MirrorProblem]) -> float:
-    """Fraction of the reference poses that `step` passes on a robot that moves as commanded."""
+    """Fraction of the reference poses that the controller `step` passes if the robot moves exactly as commanded."""
     scene = laid_out(config)
     tracker = tracker_of(config.problem, scene, file=config.file)
     led = track_reference(
@@ -164,7 +165,8 @@ def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> 
 class _Search:
     """The search for seats for one recording.
 
-    A seat (n + 1,) is the robot's posture at the middle pose, and the rotation of the patient's frame [rad].
+    A seat (n + 1,) is the robot's posture (n,) at the path's middle pose, and the rotation of the patient's frame
+    [rad].
     """
 
     def __init__(
@@ -187,7 +189,7 @@ class _Search:
         self.middle = int(np.argmin(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
 
     def anywhere(self, count: int) -> Array:
-        """(count, n + 1) postures far above the floor."""
+        """Random seats (count, n + 1), with postures far above the manipulability floor."""
         chain, found = self.chain, np.empty((0, self.chain.n + 1))
         far = np.minimum(np.pi, np.abs(np.vstack([chain.lower, chain.upper])))
         while len(found) < count:
@@ -197,7 +199,7 @@ class _Search:
         return found[:count]
 
     def near(self, best: Array, spread: float, count: int) -> Array:
-        """(count, n + 1) around the best (M, n + 1)."""
+        """Random seats (count, n + 1) around the seats `best` (M, n + 1), with standard deviation `spread` [rad]."""
         which, n = self.rng.integers(0, len(best), count), self.chain.n
         found = best[which]
         found[:, :n] += spread * self.rng.standard_normal((count, n))
@@ -206,7 +208,7 @@ class _Search:
         return found
 
     def scores(self, drawn: Array) -> Array:
-        """(M,) fraction of poses in reach, plus a little for a large floor distance; zero where nobody could sit."""
+        """(M,) fraction of poses within reach, plus a small bonus for manipulability; zero where nobody could sit."""
         found = np.zeros(len(drawn))
         for begun in range(0, len(found), ANYWHERE):
             some = slice(begun, begun + ANYWHERE)
@@ -226,9 +228,10 @@ class _Search:
         return dataclasses.replace(walk, done=walk.done & clear)
 
     def _seats(self, drawn: Array) -> tuple[Array, Array, Array]:
-        """Rigid motions (M, 4, 4) of the patient's frame, grips (M, 4, 4), and three points (M, 3, 3) [m]:
+        """Three results: rigid motions (M, 4, 4) of the patient's frame, grips (M, 4, 4), and points (M, 3, 3) [m].
 
-        the recording's origin, a point of the patient's sagittal plane, and the led shoulder or its substitute.
+        The points are the recording's origin, a point of the patient's sagittal plane, and the led shoulder or its
+        substitute.
         """
         tools, turns = self.seats.at(drawn[:, :-1])[0], drawn[:, -1]
         seats, grips = np.tile(np.eye(4), (len(drawn), 1, 1)), np.tile(self.grip, (len(drawn), 1, 1))
@@ -272,7 +275,7 @@ class _Search:
 
 
 def _round_turn(angle: float) -> float:
-    """[deg] within half a turn."""
+    """The angle [deg], shifted by whole turns to within -180 and 180, and rounded."""
     return round((angle + 180.0) % 360.0 - 180.0, 1)
 
 

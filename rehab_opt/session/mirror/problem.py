@@ -35,13 +35,13 @@ class PoseRecordingSection(Section):
     FILES: ClassVar = ("file",)
     file: str = Field(min_length=1)
     """A `.csv` with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or rows of numbers without a header, with the columns
-    below. Empty cells: the tracker had lost the hand."""
+    below. An empty cell means that the tracker had lost the hand."""
     hand: Side
     """The recorded hand; the other hand is led."""
     frame: Literal["unity", "robot"]
     """`unity`: x right, y up, z forward, left-handed; `robot`: x forward, y left, z up."""
     fingers: Axis
-    """Axis of the recorded hand frame that points to the fingertips, in the recording's own frame. It differs from
+    """Axis of the recorded hand frame that points to the fingertips, in the recording's own convention. It differs from
     tracker to tracker, and a wrong axis makes mirrored fingers point backwards: there is no default."""
     back: Axis
     """Axis that points out of the back of the hand."""
@@ -60,7 +60,7 @@ class PoseRecordingSection(Section):
 
     @model_validator(mode="after")
     def axes_and_columns_differ(self) -> Self:
-        """Refuse fingers that point out of the back of the hand, half of the columns, and rows in reverse."""
+        """Refuse `fingers` and `back` on one axis, one key with column numbers alone, and fewer than three rows."""
         if self.fingers[1] == self.back[1]:
             raise refusal("back", self.back, f"an axis across fingers = {self.fingers}")
         if (self.position_columns is None) != (self.quaternion_columns is None):
@@ -81,7 +81,7 @@ class ConditioningSection(Section):
     """Filter and outlier limits for the tracker's samples."""
 
     cutoff_hz: float = Field(default=8.0, gt=0, le=1000)
-    """Cutoff of the filter (two equal poles); its lag is reported."""
+    """Cut-off frequency of the low-pass filter (two equal poles), whose lag is reported."""
     max_gap_s: float = Field(default=0.1, gt=0, le=10)
     """Longer gaps count as a lost hand."""
     max_speed_m_s: float = Field(default=5.0, gt=0, le=100)
@@ -95,20 +95,22 @@ class VrPlacementSection(Section):
 
     FILES: ClassVar = ("calibration_file",)
     calibration_file: str | None = Field(default=None, min_length=1)
-    """A `.csv` with the header `vr_x_m,vr_y_m,vr_z_m,robot_x_m,robot_y_m,robot_z_m`: at least three points touched by
-    tracker and robot. The frame is a least-squares fit, and its residual is reported. Either this or `origin_m`."""
+    """A `.csv` with the header `vr_x_m,vr_y_m,vr_z_m,robot_x_m,robot_y_m,robot_z_m`: at least three points that
+    both tracker and robot touched. The frame is the least-squares fit to them, and its residual is reported. Either
+    this or `origin_m`."""
     origin_m: Triple | None = None
     """Position of the recording's origin in the robot's frame."""
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
-    """Rotation of its axes about the vertical."""
+    """Rotation of the recording's axes about the vertical."""
     recorded_arm_m: float | None = Field(default=None, gt=0, le=10)
-    """Length of a part of the recorded arm in the recording's unit; with `arm_m`, lengths are scaled by their ratio."""
+    """Length of a segment of the recorded arm, in the recording's unit; with `arm_m`, the recording is scaled by the
+    ratio of the two lengths."""
     arm_m: float | None = Field(default=None, ge=0.1, le=2)
-    """Length of the same part of the patient's arm."""
+    """Length of the same segment of the patient's arm."""
 
     @model_validator(mode="after")
     def frame_is_said_once(self) -> Self:
-        """Refuse two frames or none, and a scale with one length only."""
+        """Refuse both or neither of `calibration_file` and `origin_m`, and only one of the two lengths."""
         if self.calibration_file is None and self.origin_m is None:
             raise refusal("origin_m", None, "either calibration_file or origin_m")
         if self.calibration_file is not None:
@@ -132,12 +134,12 @@ class PatientArmSection(Section):
     """The led arm; the reference is limited to its range of motion."""
 
     shoulder_m: Triple
-    """Shoulder of the led arm in the robot's frame."""
+    """Position of the led arm's shoulder in the robot's frame."""
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )
-    """Live, where the future is unknown: the starting posture (in Table I's convention) of the model of this arm;
-    default the middle of its range. The model is local: another start may reach more poses."""
+    """Starting posture of this arm's model in live runs, where the future is unknown, in Table I's convention; default:
+    the middle of its range. The model searches near its last posture, so another start may reach more poses."""
     range_of_motion: OneRange
     """A named range of Rossa et al., a table of all eight joints' limits, or goniometer angles."""
     segments: SegmentsSection = SegmentsSection()
@@ -153,9 +155,9 @@ class PatientSection(Section):
     """Direction in which the patient looks: 0 is the robot's x axis, counterclockwise."""
     FILES: ClassVar = ("track_file",)
     track_file: str | None = Field(default=None, min_length=1)
-    """Poses of the patient's torso or helmet, one for each sample of `recording.file`, with the same stamps, columns,
-    unit and frame: the sagittal plane moves with them. Without it the plane stays at the position given above; with it
-    that position holds for the first sample."""
+    """File with poses of the patient's torso or helmet, one for each sample of `recording.file`, with the same stamps,
+    columns, unit and frame. The sagittal plane moves with these poses, and is at the position given above for the
+    first sample. Without this file, the plane stays there."""
     arm: PatientArmSection | None = None
     """The led arm: if given, the reference is limited to its range of motion."""
 
@@ -176,10 +178,10 @@ class LedRobotSection(RobotSection):
     """The robot and its grip."""
 
     grip_m: Triple = Field(default=[0.0, 0.0, 0.0])
-    """Position of the tool in the frame of the led hand (x fingers, y back, z across, fingers x back), after the
-    rotation `grip_deg`."""
+    """Position of the tool in the frame of the led hand, after the rotation `grip_deg`. In this frame, x points to the
+    fingertips, y out of the back of the hand, and z is the cross product of x and y."""
     grip_deg: Turns = Field(default=[0.0, 0.0, 0.0])
-    """Rotation about the hand's fixed x, then y, then z axis."""
+    """Rotation of the tool about the hand's fixed x, then y, then z axis."""
 
 
 class KeepOutSection(ClearPlaneSection):
@@ -192,22 +194,23 @@ class MirrorTrackerSection(Section):
     rate_hz: float = Field(default=200.0, ge=10, le=10000)
     """Ticks per second."""
     floor: float = Field(default=0.3, gt=0, lt=1)
-    """Least w / w_max, where w_max is the robot's largest w."""
+    """Manipulability floor: the least w / w_max, where w is the manipulability and w_max its largest value."""
     max_deviation_mm: float = Field(default=50.0, gt=0, le=1000)
-    """Largest distance from the followed reference, which slows down and waits as it is approached; while braking, and
-    during the approach to the first pose, the distance may be larger."""
+    """Largest distance of the hand from the reference. Near this distance, the reference slows down and waits. While
+    braking, and during the approach to the first pose, the distance may be larger."""
     max_turn_deg: float = Field(default=45.0, gt=0, lt=180)
-    """Largest rotation from the reference, with the same exceptions."""
+    """Largest rotation of the hand from the reference, with the same exceptions."""
     linear_speed_m_s: float = Field(default=0.25, gt=0, le=3)
     """Largest speed of the hand."""
     angular_speed_deg_s: float = Field(default=86.0, gt=0, le=720)
     """Largest angular speed of the hand."""
     catch_up: float = Field(default=0.5, ge=0, lt=10)
-    """Fraction by which the clock may run fast to make up for a lag."""
+    """Fraction by which the reference may run faster than recorded, to make up for a lag."""
     patience: float = Field(default=10.0, ge=1, le=100)
     """A run ends, incomplete, after this many durations of the recording."""
     keep_out: list[KeepOutSection] = Field(default=[], max_length=10)
-    """Planes that no link of the robot crosses against their normal; for links without capsules, no joint."""
+    """Planes that no link of the robot crosses against their normal. Of links without capsules, only the joints are
+    kept from crossing."""
 
 
 class AStarSection(Section):
@@ -216,11 +219,12 @@ class AStarSection(Section):
     resolution_mm: float = Field(ge=0.5, le=50)
     """Spacing of the search lattice."""
     stretch_mm: Positive = Field(default=30.0, le=1000)
-    """Length of the path searched at a time. This and the next value are our choices: the paper's numbers are lost."""
+    """Length of the path section that is searched at a time. This value and the next are our choices, since the paper's
+    are lost."""
     pull: float = Field(default=4.0, ge=0, le=1000)
-    """Weight of the reference path in f."""
+    """Weight, in the search's cost f, of the distance to the nearest reference position."""
     max_expansions: int = Field(default=200_000, ge=1, le=10_000_000)
-    """Largest number of positions expanded for each part of the path."""
+    """Largest number of positions that the search expands for each section of the path."""
 
 
 class MirrorProblem(Problem):

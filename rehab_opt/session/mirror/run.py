@@ -35,11 +35,11 @@ from rehab_opt.session.trace import Trace
 
 Config = ProblemFile[MirrorProblem]
 FAR = 1e-3
-"""[m] Distance from the first reference pose above which a note reports the start."""
+"""[m] A note reports the start if it is farther than this from the first reference pose."""
 
 
 class Mirrored:
-    """The parts that all runs of a file share."""
+    """Problem, robot, tracker and plant, which all runs of a file share."""
 
     progress: Progress = staticmethod(lambda *_: None)
 
@@ -53,7 +53,7 @@ class Mirrored:
 
     @cached_property
     def astar(self) -> AStarPath | None:
-        """The published path from the first posture that reaches the reference, if the file has it."""
+        """Path of the published search, from the first posture that reaches the reference; None without `[astar]`."""
         section = self.problem.astar
         if section is None:
             return None
@@ -96,13 +96,13 @@ class Mirrored:
 
 
 class LedScene:
-    """The hand led along the reference by one of `LAWS`."""
+    """Scene in which one of the controllers `LAWS` leads the hand along the reference."""
 
     def __init__(self, task: Mirrored, name: str) -> None:
         self.task, self.name = task, name
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """See `led_trace`; also `_drive`, the motion of a drive along its joints, and the drive's `_cause`."""
+        """Trace as from `led_trace`; its column `_drive` has the trace of a drive, and `_cause` the drive's causes."""
         task = self.task
         section, setup, most = task.problem.tracker, task.setup, task.tracker.max_manipulability
         plant, speed = task.plant, section.linear_speed_m_s
@@ -119,18 +119,18 @@ class LedScene:
         return led
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """See `led_metrics`."""
+        """Metrics, see `led_metrics`."""
         task, drive = self.task, trace["_drive"].item()
         return led_metrics(trace, drive, task.bounds, task.seen, cause=trace["_cause"], rate=1.0 / task.dt)
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Whether it is incomplete."""
+        """A note if the run is incomplete."""
         if not trace["_complete"]:
             yield f"{self.name}: INCOMPLETE, the reference's end was not reached within tracker.patience"
 
 
 def task_of(outcome: Outcome) -> Mirrored:
-    """The parts that the runs of an outcome share."""
+    """The `Mirrored` that the scenes of an outcome share."""
     task: Mirrored = next(iter(outcome.scenes.values())).task
     return task
 
@@ -157,7 +157,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         return laws
 
     def caption(self, outcome: Outcome) -> str:
-        """The floor, and the reference."""
+        """Text below the table: the manipulability floor, and the reference's duration and speed."""
         reference = outcome.metrics["reference"]
         return (
             f"floor {task_of(outcome).problem.tracker.floor:g} of the robot's largest manipulability; reference of "
@@ -211,5 +211,5 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         yield from () if near is None else (near.note,)
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
-        """The mirrored recording to and fro, until the live user drags the hand; the option is `plant`."""
+        """Live run along the mirrored recording, to and fro, until the user drags the hand; the option is `plant`."""
         return LiveMirror(config)

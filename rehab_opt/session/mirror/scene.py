@@ -31,23 +31,25 @@ from rehab_opt.session.schema import Side
 from rehab_opt.text_file import times
 
 UNITY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Unity's axes in a robot's frame: p = (z, -x, y)."""
+"""Rotation from Unity's axes to a robot's: p = (z, -x, y)."""
 ARM_HAND = {
     "left": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
     "right": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
 }
-"""Axes fingers, back and across of a hand in the hand frame of `human_arm`: x along the handle towards the thumb, z to
-the fingers; the back is -y of a left hand and +y of a right one."""
+"""Columns: the axes fingers, back and across of a hand, in the hand frame of `human_arm`. There, x points along the
+handle
+towards the thumb, and z to the fingers; -y points out of the back of a left hand, and +y of a right one."""
 
 
 ARM_NEAR = 5e-3, math.radians(5.0)
-"""[m, rad] Deviation up to which an arm reaches a pose."""
+"""[m, rad] Within this deviation, an arm counts as reaching a pose."""
 SLOW, TREMBLES = 2.0, 0.05
-"""[Hz] Reaching hands hardly move at higher frequencies; fraction of the path above which a note reports tremor."""
+"""[Hz] A reaching hand hardly moves at higher frequencies; a note reports tremor if such motion adds more than the
+fraction `TREMBLES` to the path's length."""
 STILL = 1e-3
 """[m] Extent below which a hand counts as at rest."""
 SAME_TIME = 1e-3
-"""[s] Largest difference between stamps of hand and patient."""
+"""[s] Largest difference between the stamps of a sample of the hand and the same sample of the patient."""
 TOGETHER = 0.5
 """[s] Changes of posture closer in time are reported as one."""
 
@@ -62,7 +64,7 @@ class Setup:
     mirror : mirror plane of the patient; for a moving patient, at the first sample.
     reference : poses of the tool from the mirrored recording, at equal intervals.
     recorded : (N, 3) [m] healthy hand in the robot's frame, unfiltered, without lost samples.
-    person : the led arm in the robot's base frame, and the tool's pose (4, 4) in its hand frame; or None.
+    person : the led arm in the robot's base frame, and the tool's pose (4, 4) in this arm's hand frame; or None.
     fit : fit of the recording's frame to calibration points.
     notes : notes for a reader of the result.
     """
@@ -98,7 +100,7 @@ class Setup:
 
     @property
     def led(self) -> Conditioned:
-        """M samples for the robot: the reference, or the part of it that the person's arm can do (`arm_path`)."""
+        """M samples that the robot follows: the reference, limited to what the person's arm can reach (`arm_path`)."""
         return self._path[0]
 
     @property
@@ -108,14 +110,17 @@ class Setup:
 
     @cached_property
     def beyond(self) -> Array:
-        """(M, 2) [m, rad] from each pose of `led` to the reference; zero where the tracker lost the hand."""
+        """(M, 2) [m, rad] distance and angle from each pose of `led` to the reference; zero for a lost hand."""
         reference, led = self.reference.poses[self.reference_index], self.led.poses
         away = np.linalg.norm(led[:, :3, 3] - reference[:, :3, 3], axis=1)
         turned = angles_between(reference[:, :3, :3], led[:, :3, :3])
         return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
 
     def reference_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
-        """The reference (K, 4, 4) for followed poses `led` (K, 4, 4), `seconds` after its beginning, and `beyond`."""
+        """Two results: the reference poses (K, 4, 4) for followed poses `led` (K, 4, 4), and `beyond` (K, 2).
+
+        `seconds` (K,) [s] are the times of the followed poses since the beginning of `self.led`.
+        """
         step = float(self.led.times[1] - self.led.times[0])
         k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.reference_index) - 1)
         wanted, done, found = self.reference.poses[self.reference_index[k]], self.led.poses[k], led.copy()
@@ -190,7 +195,7 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
 
 
 def path_notes(scene: Setup) -> Iterator[str]:
-    """Notes on the reference's size and speed, how much of it the led arm does, and its changes of posture."""
+    """Notes on the reference's size and speed, the fraction that the led arm reaches, and its posture changes."""
     seen, times = ~scene.reference.lost, scene.reference.times
     reference = Recording("the reference", times[seen], scene.reference.poses[seen, :3, 3])
     yield size_note(reference)
@@ -223,16 +228,16 @@ def path_notes(scene: Setup) -> Iterator[str]:
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:
-    """(3, 3) whose columns are fingers, back and across in the recording's hand frame, its axes turned to the robot's.
+    """Columns (3, 3): the axes fingers, back and across, in the recorded hand frame converted to the robot's axes.
 
-    Across is fingers x back in a right-handed frame.
+    Across is the cross product of fingers and back, in a right-handed frame.
     """
     fingers, back = (_axis(name, unity=section.frame == "unity") for name in (section.fingers, section.back))
     return np.column_stack([fingers, back, np.cross(fingers, back)])
 
 
 def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
-    """(N, 4, 4) hand poses in the recording's frame, right-handed, with the hand axes fingers, back and across."""
+    """Hand poses (N, 4, 4) in the recording's right-handed frame; the hand's axes are fingers, back and across."""
     positions, quaternions = seen.positions, seen.quaternions
     if section.frame == "unity":
         positions, quaternions = robot_from_unity(positions, quaternions)

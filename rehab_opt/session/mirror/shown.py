@@ -66,18 +66,18 @@ def _n(drives: Mapping[str, Trace]) -> str:
 
 
 def _times(task: Mirrored) -> Array:
-    """(N,) [s] of the reference."""
+    """Times (N,) [s] of the reference poses, from zero."""
     return np.asarray(task.setup.reference.times - task.setup.reference.times[0])
 
 
 def _astar_times(task: Mirrored) -> Array:
-    """(K,) [s] of the nearest reference positions: the published path has no times."""
+    """Times (K,) [s] of the reference positions nearest to the published path, which has no times of its own."""
     assert task.astar is not None
     return np.asarray(_times(task)[~task.setup.reference.lost][task.astar.nearest])
 
 
 def _manipulability(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
-    """Manipulability over the reference's own time, so that equal moments of the motion are above each other."""
+    """Figure of manipulability over the reference's own time, at which all controllers are at the same pose."""
     floor, end = task.bounds.floor, float(_times(task)[-1])
     figure = framed(
         "Manipulability as a fraction of the robot's largest, over the reference's own time, with the floor of "
@@ -125,7 +125,7 @@ def _pace(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
 
 
 def _causes(laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
-    """A strip of time for each drive."""
+    """Figure with a strip of time for each drive, coloured by cause."""
     figure = framed(f"What kept the hand from its reference, as a strip of time for each controller. {_n(drives)}", 1.9)
     axes = figure.add_subplot()
     for row, (name, drive) in enumerate(drives.items()):
@@ -143,7 +143,7 @@ def _causes(laws: Mapping[str, Trace], drives: Mapping[str, Trace]) -> Figure:
 
 
 def _space(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
-    """The motion in the robot's frame; the robot is drawn in its last posture."""
+    """Figure of the motion in the robot's frame; the robot is drawn in its last posture."""
     figure = framed(
         "The healthy hand, its mirror image and the hand that is led, in the robot's frame [mm]; the robot at the end. "
         f"{_n(drives)}",
@@ -174,7 +174,7 @@ def _space(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
 
 
 def _draw_mirror(axes: Any, task: Mirrored, low: Array, high: Array) -> None:
-    """The part of the (vertical) sagittal plane within the extent of everything else."""
+    """Draw the vertical sagittal plane, as far as the other parts of the picture extend."""
     normal = np.array(task.setup.mirror.normal) / np.linalg.norm(task.setup.mirror.normal)
     along, point = np.array([-normal[1], normal[0]]), MM * np.array(task.setup.mirror.point[:2])
     corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
