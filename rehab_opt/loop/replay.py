@@ -60,7 +60,7 @@ def replayed(
 
 
 def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decide) -> Command:
-    """Command of a controller for the inputs of a logged tick; `operator` is the layout of `operator_of`."""
+    """Command of a controller for the inputs of a logged tick; `operator` is the layout that `operator_of` returns."""
     tick = tick_of(record, operator)
     if record["asked_before"]:
         decide(tick._replace(enabled=record["asked_before"] == 2))
@@ -68,7 +68,7 @@ def replayed_command(record: np.void, operator: np.dtype[np.void], decide: Decid
 
 
 def tick_of(record: np.void, operator: np.dtype[np.void]) -> Tick:
-    """Inputs of the controller in a logged tick; `operator` is the layout of `operator_of`."""
+    """Inputs of the controller in a logged tick; `operator` is the layout that `operator_of` returns."""
     wants = None
     if operator.names and record["operated"]:
         row: np.void = np.zeros(1, dtype=operator)[0]

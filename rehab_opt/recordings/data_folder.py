@@ -23,7 +23,7 @@ ORIGINS = {
 
 
 def data_folder() -> Path:
-    """Path of the folder of recordings, which may be missing: $REHAB_OPT_DATA, or `../shared/data` by the checkout."""
+    """Path of the folder of recordings, which may be missing: $REHAB_OPT_DATA or, by default, `../shared/data`."""
     named = os.environ.get(ENVIRONMENT)
     if named:
         return Path(named)

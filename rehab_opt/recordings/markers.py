@@ -22,8 +22,8 @@ FIRST_ROW = 6  # line below path, names of facts, facts, names of markers, and a
 def read_trc(path: Path, *, name: str, how: Reading) -> Samples:
     """Path (N, 3) [m] of one marker in the laboratory's frame, NaN where the marker is missing.
 
-    The name of a marker is above its coordinates, or all names are in the order of the coordinates. Coordinates after
-    the last name belong to unnamed markers.
+    In the file, each name is above the coordinates of its marker, or the names have the order of the coordinates.
+    Coordinates after the last name belong to unnamed markers.
 
     Raises
     ------

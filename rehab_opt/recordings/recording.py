@@ -105,7 +105,7 @@ class Recording:
         return replace(self, joints=dict(self.joints), notes=(*self.notes, *notes))
 
     def part(self, kept: NDArray[np.bool_] | slice) -> Recording:
-        """The recording with some of its samples and all notes."""
+        """The recording with the selected samples only, and all notes."""
         joints = {name: values[kept] for name, values in self.joints.items()}
         time, points, forces = (each[kept] for each in (self.time, self.points, self.forces))
         return replace(self, time=time, points=points, forces=forces, joints=joints)

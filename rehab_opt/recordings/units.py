@@ -85,7 +85,7 @@ def each_once(found: Sequence[Any], how: Reading, name: str) -> list[Any]:
 
 @dataclass(frozen=True)
 class Reading:
-    """A user's settings for a file, with the meaning of a problem file's `recording` keys.
+    """A user's settings for a file; they mean the same as the `recording` keys of a problem file.
 
     `told` collects notes, and `used` collects the kinds of units that occur in the file.
     """

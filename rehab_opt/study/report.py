@@ -138,7 +138,7 @@ def _possible(of: Interval, measure: Quantity, factor: float = 1.0) -> Interval:
 
 
 def _scale(of: Quantity) -> tuple[float, str]:
-    """Factor from a measure's unit to its displayed unit, and the displayed unit."""
+    """Two results: the factor from a measure's unit to its displayed unit, and the displayed unit."""
     return SCALES.get(of.unit, (1.0, of.unit))
 
 

@@ -202,7 +202,7 @@ def grouped(means: Iterable[SessionMean], key: Callable[[SessionMean], T]) -> di
 
 
 def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
-    """Mean of each person over the person's sessions."""
+    """For each person, the mean over the person's sessions."""
     by_person = grouped(means, lambda each: each.person)
     return {person: math.fsum(each.mean for each in own) / len(own) for person, own in by_person.items()}
 
