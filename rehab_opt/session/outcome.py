@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Array = NDArray[np.float64]
-"""Shape and unit stand in each docstring."""
+"""Array of floats, whose shape and unit are in the docstring that mentions it."""
 Names = tuple[Any, ...]
 """Name of one scene of a run, such as (drive, controller) or (controller, trial)."""
 Progress = Callable[[str, int, int], None]
@@ -45,13 +45,14 @@ class Outcome:
     notes : sentences that a reader of the numbers must know.
     metrics : all numbers, as nested dictionaries.
     traces, scenes : the scenes of the run and their traces, by the names of the scenes.
-    labels : columns of trace.csv for these names; none for a single scene.
+    labels : names of the columns of trace.csv that hold a scene's name; empty for a single scene.
     table : numbers of each scene, for the table.
 
     Attributes
     ----------
-    system, name, title, inputs, options : of the problem, its input files (see `input_files`) and the options of the
-        run. `run_problem` sets them, and stores the problem's parameters as the metric "parameters".
+    system, name, title : those of the problem. inputs : its input files, see `input_files`. options : options of the
+        run.
+        `run_problem` sets these attributes, and stores the problem's parameters as the metric "parameters".
     """
 
     notes: tuple[str, ...] = ()
@@ -75,13 +76,13 @@ class Outcome:
 
 
 MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
-"""The measured part of a reason, which differs from sample to sample."""
+"""The measured numbers in a reason, which differ from sample to sample."""
 
 
 def path_fractions(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
-    """Fraction of the path's length, and of its samples (time), over which `met` (N,) is true.
+    """Two results, for the samples at which `met` (N,) is true: their fraction of the path's length, and of its time.
 
-    A step of the path counts half for each of its ends; samples at rest do not count in the fraction of the length.
+    Half of each step's length counts for the sample at either end; samples at rest have no length.
     """
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     weights = np.concatenate((steps, [0.0])) + np.concatenate(([0.0], steps))

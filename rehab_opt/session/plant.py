@@ -86,7 +86,8 @@ class JointPlant(PlantTable):
 
     kind: Kind = "ideal"
     """Kind of robot: joints that move exactly as commanded (`ideal`), a robot with mass simulated in MuJoCo, or, for
-    `loop` and `live`, a real robot: Universal Robots (`ur`), Franka, or with ROS 2 and this file's joint names. The
+    `loop` and `live`, a real robot: Universal Robots (`ur`), Franka, or a robot with ROS 2 and this file's joint names.
+    The
     option `--plant` overrides this key. An ideal robot has no other keys, a real robot only `address`."""
     address: str | None = Field(default=None, min_length=1)
     """Network address of the real robot's controller."""

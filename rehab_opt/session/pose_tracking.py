@@ -347,7 +347,7 @@ class PoseTrackingScene(Scene):
         }
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Notes on the plant, on the files, on the tool off its path with the cause, and on the nearest bodies."""
+        """Notes on the plant, on the files, on how long and why the tool is off its path, and on the nearest bodies."""
         yield plant_note(self.problem.plant, "the robot is simulated: its joints move exactly as commanded")
         yield from (*self.said, *self.chain.notes)
         behind = ~((trace["position_error_m"] <= BEHIND) & (trace["orientation_error_rad"] <= TURNED))
@@ -358,7 +358,7 @@ class PoseTrackingScene(Scene):
             yield near.note
 
     def _left_behind(self, trace: Trace, behind: Any) -> NotMet:
-        """Note on the tool off its path: time fraction, largest errors and causes; `behind` (N,) selects the ticks."""
+        """Note on the ticks `behind` (N,) with the tool off its path: fraction of time, largest errors, causes."""
         chain, q, velocity, tool = self.chain, trace["joint"], trace["command"], trace["tool"]
         error, turned = trace["position_error_m"], trace["orientation_error_rad"]
         most = self.problem.tracker.linear_speed_m_s

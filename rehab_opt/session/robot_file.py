@@ -61,7 +61,7 @@ class RobotSection(Section):
 
     @model_validator(mode="after")
     def one_robot(self) -> Self:
-        """Refuse two robots or none, and a UR5 start with other than six angles."""
+        """Refuse both or neither of `model` and `file`, and a UR5 start that does not have six angles."""
         if (self.model is None) == (self.file is None):
             key, value = ("model", None) if self.file is None else ("file", self.file)
             raise refusal(key, value, "either model = 'ur5', or file = a robot file")
@@ -87,7 +87,8 @@ class JointSection(Section):
     locked_m: float | None = Field(default=None, ge=-10, le=10)
     """Lock a prismatic joint at this position; a prismatic joint between base and tip must be locked."""
     effort_n_m: float | None = Field(default=None, gt=0, le=1e5)
-    """Largest torque of its drive, replaces the file's; the plant `mujoco` needs it if the file has none."""
+    """Largest torque of the joint's drive, which replaces the file's value; the plant `mujoco` requires it if the file
+    has none."""
 
     @model_validator(mode="after")
     def locked_once(self) -> Self:
@@ -130,13 +131,13 @@ class RobotFile(Section):
     mjcf: Name | None = None
     """MJCF file (MuJoCo's format, needs the extra `mjcf`); either this or `urdf`."""
     base: Name | None = None
-    """First link of the chain (of an MJCF: body); default: the root."""
+    """First link of the chain, or first body in an MJCF; default: the root."""
     tip: Name | None = None
-    """Last link of the chain (body, or site); default: the last link, if there is only one."""
+    """Last link of the chain, or last body or site in an MJCF; default: the last link, if there is only one."""
     acceleration_deg_s2: float = Field(gt=0, le=1e5)
     """Largest acceleration of every joint: a URDF has none, so ask the vendor, or start low."""
     speed_deg_s: float | None = Field(default=None, gt=0, le=3600)
-    """Largest speed of every joint, replaces the URDF's; required for an MJCF, which has none."""
+    """Largest speed of every joint, which replaces the URDF's; required for an MJCF, which has none."""
     mount_m: Triple = Field(default=[0.0, 0.0, 0.0])
     """Position of the base in the problem's frame, after the rotation `mount_deg`."""
     mount_deg: Turns = Field(default=[0.0, 0.0, 0.0])
@@ -148,15 +149,15 @@ class RobotFile(Section):
     payload_kg: float = Field(default=0.0, ge=0, le=1000)
     """A mass at the origin of the tool. It is added to the links' masses, which the plant `mujoco` uses."""
     joints: dict[Name, JointSection] = Field(default={}, max_length=100)
-    """By joint name, values that the file lacks, or that replace the file's."""
+    """Values of single joints, by joint name, that the file lacks or that replace the file's."""
     capsules: list[CapsuleSection] = Field(default=[], max_length=50)
-    """Shapes of the links. Without a capsule only the origins of a link's frames are guarded."""
+    """Shapes of the links. Of a link without a capsule, only the origins of its frames are kept clear of bodies."""
     collision: bool = False
     """Use capsules around the cylinders, boxes and spheres of the URDF's `<collision>` instead of `capsules`."""
 
     @model_validator(mode="after")
     def one_model(self) -> Self:
-        """Refuse two models or none, and an MJCF without speeds, which this format lacks."""
+        """Refuse both or neither of `urdf` and `mjcf`, and an MJCF without `speed_deg_s`, which this format lacks."""
         if (self.urdf is None) == (self.mjcf is None):
             raise refusal("urdf", self.urdf, "either urdf or mjcf, the file with the robot's links")
         if self.mjcf is not None and self.speed_deg_s is None:
@@ -216,7 +217,7 @@ def robot_text(config: ProblemFile[Problem], reference: str) -> str:
 
 
 def posture_of(chain: SerialChain, degrees: list[float], *, file: str, key: str, first: int = 0) -> Array:
-    """Angles (m,) [rad] of the chain's joints from number `first` on, from `degrees` at `key` of the file.
+    """Angles (m,) [rad] of the chain's joints from index `first` on, converted from `degrees`, the value of `key`.
 
     Raises
     ------
@@ -311,7 +312,7 @@ def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[fl
 
 
 def _advice(expected: str) -> str:
-    """The expectation of an error of the reader, with its advice reworded for a robot file."""
+    """What an error of the URDF or MJCF reader expects, with advice on arguments reworded for a robot file."""
     return GIVE.sub(lambda found: f"[joints.{found['joint']}] {JOINT_KEYS[found['argument']][0]} = ...", expected)
 
 

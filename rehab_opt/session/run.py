@@ -73,7 +73,7 @@ def live_problem(config: ProblemFile[Problem], **options: str | None) -> LivePro
 def _given(
     config: ProblemFile[Problem], options: Mapping[str, str | None]
 ) -> Iterator[tuple[System[Any, Any], ProblemFile[Any], dict[str, str]]]:
-    """Context with the system, the problem with the plant of `--plant`, and the given options; raises if invalid."""
+    """Context that gives the system, the problem (with the plant of `--plant`), and the options that are not None."""
     name = config.problem.system
     system = system_named(name)
     given = {option: value for option, value in options.items() if value is not None}

@@ -46,7 +46,7 @@ __all__ = [
 
 HEADER = ("recording", "trial", "measure", "value", "unit")
 ALL = "all"
-"""Instead of a trial's number: a measure over all trials."""
+"""Stands in place of a trial's number for a measure over all trials."""
 
 
 class ScoreRow(NamedTuple):
@@ -103,7 +103,7 @@ def score_recordings(
         them.
     target : [m] position where each movement should end, in the recordings' own frame.
     pause : [s] a rest of this length ends a trial; by default each recording is one trial.
-    repeats : all trials repeat one movement: their variability is measured too.
+    repeats : whether all trials repeat one movement; if so, their variability is measured, too.
     cutoff_hz, threshold : as in `measures.score`.
 
     Raises
@@ -208,7 +208,7 @@ def range_of_motion_keys(scored: Scored) -> list[str]:
 def _trials(
     recording: Recording, pause: float | None, how: Mapping[str, float]
 ) -> Iterator[tuple[str, Recording | ProblemFileError]]:
-    """Name and samples of each trial that the file separates, or of the whole, cut where the hand rests.
+    """Name and samples of each trial: as the file separates them and, with `pause`, where the hand rests.
 
     A trial that is too short or cannot be cut is an error, which names it.
     """
@@ -279,7 +279,7 @@ def write_rows(rows: Sequence[ScoreRow], file: TextIO | Path) -> None:
 
 
 def _middles(parts: Sequence[NDArray[np.int_]]) -> list[int]:
-    """Sample numbers in the middle of the rests between moving parts."""
+    """Indices of the samples in the middle of each rest between two movements."""
     return [int(a[-1] + b[0] + 1) // 2 for a, b in itertools.pairwise(parts)]
 
 
@@ -297,7 +297,7 @@ KEY = re.compile(r"recording\.(\w+)(?: = '(\w+)')?")
 
 @contextmanager
 def _options_named(undescribed: bool) -> Iterator[None]:
-    """Name the options of the command instead of keys, if a recording has no description."""
+    """Context in which errors name the command's options instead of keys, if a recording has no description."""
     try:
         yield
     except ProblemFileError as refused:
@@ -314,7 +314,7 @@ def _options_in(text: str) -> str:
 
 @contextmanager
 def _refused(recording: Recording, where: str = "") -> Iterator[None]:
-    """Name the recording in an error, and the unit that its sizes suggest."""
+    """Context in which an error names the recording, and the unit that the recording's sizes suggest."""
     try:
         yield
     except ConfigurationError as refused:

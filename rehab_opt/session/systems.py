@@ -1,12 +1,12 @@
 """The kinds of problems, and the interface of a kind.
 
-A kind is a class that derives from `System`, with a name: shipped ones are in `SHIPPED`, others in the entry point
-group `rehab_opt.systems` of their distribution,
+A kind is a class that derives from `System`, and has a name. Shipped kinds are in `SHIPPED`. Another distribution
+names its kinds in the entry point group `rehab_opt.systems`:
 
     [project.entry-points."rehab_opt.systems"]
     circle = "my_package.circle:CircleSystem"
 
-It is imported at its first use.
+A kind is imported at its first use.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ SHIPPED: Mapping[str, str] = MappingProxyType(
     }
 )
 ROBOT_FILE = "robot.file"
-"""Key of a file that describes a robot and refers to other files."""
+"""Key that names a robot file, which refers to other files in turn."""
 
 
 class Needed(NamedTuple):
@@ -164,7 +164,7 @@ class System(Generic[P, S]):
         raise NotImplementedError
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """The metrics, from the numbers of each scene; `outcome` has only scenes and traces."""
+        """The metrics of a run, from the numbers of each scene; `outcome` has only scenes and traces so far."""
         (of,) = numbers.values()
         return of
 
@@ -184,7 +184,7 @@ class System(Generic[P, S]):
             yield from scene.notes(outcome.traces[names])
 
     def live(self, config: ProblemFile[P], *, options: Mapping[str, str]) -> LiveProblem:
-        """The problem for a run in real time; most kinds have none. Call `live_problem`, which reports that.
+        """The problem for a run in real time; most kinds have none. Call `live_problem` instead, which reports this.
 
         Raises
         ------

@@ -50,7 +50,8 @@ def numbers_table(title: str, of: Mapping[str, Numbers], *, first: Sequence[str]
 
     Parameters
     ----------
-    of : metrics by controller. first : only these quantities or sections, as keys without statistic and unit, in order.
+    of : metrics by controller. first : the only quantities or sections to show, in order, as keys without statistic and
+        unit; by default all.
     """
     made = Table(title=Text(title), caption=Text(caption) if caption else None, caption_justify="left")
     made.add_column("quantity")

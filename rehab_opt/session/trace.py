@@ -18,7 +18,7 @@ class Trace(dict[str, NDArray[Any]]):
     Parameters
     ----------
     columns : all recorded columns; `rows` are the indices of the rows that are written.
-    parts : names of the k numbers of a column, by column; default x_m, y_m, z_m.
+    parts : by name of a column (N, k), the names of its k components; default x_m, y_m, z_m.
     """
 
     def __init__(self, columns: Mapping[str, Any], parts: Mapping[str, Sequence[str]] | None = None) -> None:
@@ -37,9 +37,9 @@ class Trace(dict[str, NDArray[Any]]):
 
 
 def stacked(traces: Mapping[tuple[Any, ...], Trace], labels: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Written columns of several traces, one below the other, with a label column per level of names.
+    """Written columns of several traces, one below the other, after a column for each of `labels`.
 
-    Cells of a column that a trace lacks are empty.
+    The label columns hold the parts of a trace's name. If a trace lacks a column, its cells there are empty.
     """
     tables = {key: dict(trace.written()) for key, trace in traces.items()}
     sizes = [len(table["t_s"]) for table in tables.values()]

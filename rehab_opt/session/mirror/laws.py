@@ -26,7 +26,7 @@ from rehab_opt.session.trace import Trace
 
 BEFORE, STEP, PLAN = "without floor", "step", "plan"
 LAWS = (BEFORE, STEP, PLAN)
-"""Names of the controllers in the order of the figures; A* is separate, since its path has no times."""
+"""Names of the controllers, in the order of the figures; A* is not among them, since its path has no times."""
 HELD = LiveInputs(enable=True)
 ANY_SPEED = 3.0
 """[m/s] Speed limit of the hand for the controller without a manipulability floor."""

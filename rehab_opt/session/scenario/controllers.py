@@ -1,4 +1,4 @@
-"""The controllers of a scenario with the numbers of its file, and the parts that its trials share."""
+"""The controllers of a scenario, with the parameters of its file, and the objects that its trials share."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from rehab_opt.session.scenario.problem import REACHES, THERAPY, ScenarioProblem
 from rehab_opt.session.scenario.trials import Law
 
 SHORTEST_WAY = 1e-3
-"""[m] Least distance between points; a single point needs no time scaling."""
+"""[m] Least distance that is assumed between points, so that a single point gives speed limits above zero, too."""
 
 
 def scene_of(context: Precomputed) -> Scene:
-    """The parts that all trials share."""
+    """The simulated person, robot and intention, which all trials share."""
     problem = context.problem
     return Scene(
         comfortable=context.comfortable,
@@ -38,7 +38,7 @@ def scene_of(context: Precomputed) -> Scene:
 
 
 def law_of(name: Law, context: Precomputed, *, solver: str | None = None) -> ForceLaw:
-    """A controller in the interface of the loop."""
+    """The controller `name` as a `ForceLaw`, which the closed loop calls."""
     problem = context.problem
     if name == "unassisted":
         return ForceLaw()
@@ -53,7 +53,7 @@ def law_of(name: Law, context: Precomputed, *, solver: str | None = None) -> For
 
 
 def assisted_law(context: Precomputed, assistance: Assistance | PathAssistance) -> Assisted:
-    """Our controller in the interface of the loop, with a fixed field or one that moves from point to point."""
+    """Our controller as a `ForceLaw`; its field is fixed, or in "hold" moves from point to point."""
     problem, points = context.problem, context.reference
     if problem.mode != "hold":
         return Assisted(assistance)
@@ -73,7 +73,7 @@ def assisted_law(context: Precomputed, assistance: Assistance | PathAssistance) 
 def assistance_of(
     context: Precomputed, *, solver: str | None = None, backup: str | None = None
 ) -> Assistance | PathAssistance:
-    """Our controller with the whole field; along a path that may cross itself, with progress along the path."""
+    """Our controller: `Assistance` with a field, or `PathAssistance` along a path that may cross itself."""
     problem, comfortable = context.problem, context.comfortable
     bounds = bounds_of(problem, solver=solver, backup=backup)
     if context.follows_path:
@@ -83,7 +83,7 @@ def assistance_of(
 
 
 def _field_law(context: Precomputed) -> FieldLaw:
-    """The paper's field with the same numbers; in "resist", k1 < 0 gives the same force at the start of the path."""
+    """The paper's controller with the same parameters; in "resist", k1 < 0 gives the same force at the path's start."""
     problem, field = context.problem, context.fields[0]
     return FieldLaw(
         path=context.reference if problem.mode == "hold" else field.paths[0].points,
@@ -95,7 +95,7 @@ def _field_law(context: Precomputed) -> FieldLaw:
 
 
 class Task:
-    """The parts that the trials of a file share, built when first needed."""
+    """Controllers, person and robot that the trials of a file share; each is built when first needed."""
 
     progress: Progress = staticmethod(lambda *_: None)
 

@@ -21,7 +21,7 @@ from rehab_opt.session.scenario.problem import ScenarioProblem
 
 KEY = "task.demonstrations"
 MOST = {"stiffness": 1e5, "drag": 1e5, "damping": 1e4}
-"""Upper limits, as for values in a file."""
+"""Largest accepted parameters of a learnt field, the same as for values in a file."""
 
 
 class Learnt(NamedTuple):
@@ -34,8 +34,9 @@ class Learnt(NamedTuple):
 
 
 def learnt(config: ProblemFile[ScenarioProblem], path: Array | None) -> Learnt | None:
-    """The field of the demonstrations around `path` (N, 2) [m], or without a path around their mean; None without
-    demonstrations.
+    """The field learnt from the demonstrations, around `path` (N, 2) [m] or, without a path, around their mean.
+
+    None if there are no demonstrations.
     """
     if config.problem.task.demonstrations is None:
         return None
@@ -124,11 +125,11 @@ def _as_key(config: ProblemFile[ScenarioProblem], refused: ConfigurationError) -
 
 
 RESTING, MOSTLY = 0.005, 0.6
-"""[m/s] A slower hand is at rest; fraction of samples at rest above which these decide the fit."""
+"""[m/s] A slower hand is at rest; a note warns if more than the fraction `MOSTLY` of the samples is at rest."""
 CLEARLY = 2.0
 """A stiffness less than this many standard errors above zero is reported as uncertain."""
 WORST = 0.5
-"""Fraction of the held-out forces above which the error of a field is reported as large."""
+"""A field's error is reported as large above this fraction of the held-out forces."""
 
 
 def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> Iterator[str]:

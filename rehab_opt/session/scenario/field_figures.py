@@ -35,7 +35,7 @@ from rehab_opt.session.scenario.trials import Law
 from rehab_opt.session.workspaces.figures import draw_region, region_path
 
 DARKEST = 0.75
-"""Fraction of the colour map that is used: one hue from white, which every kind of colour vision reads."""
+"""Fraction of the colour map that is used; it has a single hue, for every kind of colour vision."""
 FINE, COARSE = 161, 21
 """Grid points across the picture, for colours and for arrows."""
 NONE = 1e-3
@@ -87,9 +87,10 @@ def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
 
 
 def gated_forces(context: Precomputed, points: Array) -> Array:
-    """(N, 2) [N] desired force on a hand at rest at points (N, 2) [m], with the mode's gate.
+    """Desired force (N, 2) [N], including the mode's gate, on a hand at rest at `points` (N, 2) [m].
 
-    NaN beyond W_r, where no hand can be, and outside W_c in "follow" and "hold", where only the pull back acts.
+    It is NaN outside W_r, which no hand can leave. In "follow" and "hold" it is NaN outside W_c, too, where only a
+    pull back into W_c acts.
     """
     forces, there = _forces(context, points), np.asarray(context.comfortable.contains(points))
     if context.mode in THERAPY:
@@ -98,7 +99,7 @@ def gated_forces(context: Precomputed, points: Array) -> Array:
 
 
 def _gate(context: Precomputed, points: Array) -> Array:
-    """(N,) fraction of the force at points (N, 2); in therapy 0 within W_c, 1 from the onset beyond it on."""
+    """Factor (N,) of the force at `points` (N, 2) [m]; in therapy it rises from 0 in W_c to 1 at the onset distance."""
     if context.mode not in THERAPY:
         return np.ones(len(points))
     distance, onset = np.asarray(context.comfortable.distance(points)), 1e-3 * context.problem.assistance.onset_mm
@@ -106,7 +107,7 @@ def _gate(context: Precomputed, points: Array) -> Array:
 
 
 def _forces(context: Precomputed, points: Array) -> Array:
-    """(N, 2) [N] force of the spring to the path, or of the field with the nearest target, without a gate."""
+    """Force (N, 2) [N] without the gate: of the spring to the path, or else of the field whose target is nearest."""
     fields = context.fields
     if context.follows_path:
         path = shapely.LineString(fields[0].paths[0].points)
@@ -139,11 +140,11 @@ LED, RECORDED, LEARNT = OKABE_ITO[5], OKABE_ITO[4], OKABE_ITO[0]
 ARROWS = 12
 """Number of arrows along a movement."""
 LONGEST = 0.7
-"""[inches] Length of the arrow of the largest force, for any width of the plane."""
+"""[inches] Length of an arrow for the largest allowed force."""
 
 
 def learnt_figure(context: Precomputed) -> Figure:
-    """Left the plane; right the forces over time of the first held-out movement, or else of the last one."""
+    """Figure with the plane (left), and the forces of the first held-out or the last demonstration (right)."""
     fit, every = context.fields[0].fit, context.shown
     assert fit is not None
     number, kept = (fit.held_out[0], "held out") if fit.held_out else (len(every) - 1, "learnt from")

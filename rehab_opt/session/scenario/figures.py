@@ -71,7 +71,7 @@ def trials_figures(of: ScenarioTrials) -> dict[str, Figure]:
 
 PERCENT = 100.0
 MEAN = 1.6
-"""[points] Line of the mean of trials."""
+"""[points] Line width of the mean over trials."""
 Compared = tuple[str, str, float]
 """Label, key of the measure, and factor to the label's unit."""
 SPEED: Compared = ("speed,\nmean [mm/s]", "speed_mean_m_s", MM)
@@ -93,11 +93,11 @@ COMPARED: Mapping[str, Sequence[Compared]] = {
         ("path covered\nin order within\n{:g} mm [%]", "reference_covered_fraction", PERCENT),
     ),
 }  # fmt: skip
-"""By mode; in therapy `IN_THERAPY`."""
+"""Compared measures by mode; the therapy modes have `IN_THERAPY`."""
 
 
 def comparison_figure(of: ScenarioTrials) -> Figure:
-    """A panel for each measure, a row for each controller."""
+    """Figure with a panel for each measure, and a row for each controller."""
     chosen, laws = COMPARED.get(of.context.mode, IN_THERAPY), list(of.measures)
     figure = framed(
         f"Measures of every trial, by controller: a dot is a trial, a bar their mean. {count_words(of)}",
@@ -125,11 +125,11 @@ PEOPLE = {
     "helper": ("helper", "helper_force", "helper_energy_left_J"),
     "participant": ("_hand", "force_commanded", "energy_left_J"),
 }
-"""Columns of hand, force and tank."""
+"""Columns of the trace: position of the hand, force on it, and energy in the tank."""
 
 
 def together_figure(context: Precomputed, pairs: Mapping[Law, Trace]) -> Figure:
-    """One column for each controller with a helper, for its first trial."""
+    """Figure with a column for the first trial of each controller with a helper."""
     limit = context.problem.assistance.force_limit_N
     figure = framed(
         "The first trial of helper and participant: hands of both in their own workspaces [mm], with what the helper "
@@ -165,7 +165,7 @@ MEAN_PLACE: Mapping[str, Any] = {"markersize": 9, "markerfacecolor": "none", "ma
 
 
 def trials_figure(of: ScenarioTrials) -> Figure:
-    """Every trial as a thin line, and their mean as a thick one."""
+    """Figure of the trials: each as a thin line, and their mean as a thick one."""
     context, laws = of.context, list(of.trials)
     box = shown_box(context, *(trial["_hand"] for trials in of.trials.values() for trial in trials))
     tall, across = (box[1][1] - box[1][0]) / (box[0][1] - box[0][0]), min(6.0 / len(laws), 3.0)
@@ -241,7 +241,7 @@ def _same_limits(row: NDArray[np.object_]) -> None:
 
 
 def deviation_figure(of: ScenarioTrials) -> Figure:
-    """Every trial as a thin line, and their mean as a thick one; all on one scale."""
+    """Figure of the deviations: every trial as a thin line, and their mean as a thick one; all on one scale."""
     context = of.context
     of_what = "the point to be held, while it was" if context.mode == "hold" else "the point of the path that is due"
     figure = framed(

@@ -1,4 +1,4 @@
-"""The controllers of a trial, in the interface of the loop: none, ours, and the paper's."""
+"""The controllers of a trial as `ForceLaw`, which the closed loop calls: none, ours, and the paper's."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NONE = (0.0, 0.0)
 
 
 class ForceLaw:
-    """A controller from positions to forces; this one adds no force."""
+    """Base class of controllers that compute a force from the hand's position; this one commands no force."""
 
     notes: tuple[str, ...] = ()
     """Notes on parameters that do not fit together."""
@@ -38,14 +38,15 @@ class ForceLaw:
     """[m] Position to which the live user leads the helper's hand, in the helper's workspace; None: the helper follows
     their own intention."""
     along: tuple[float, ...] = (math.nan,) * 7
-    """[m, N, J, m] Position of the helper's hand, force on it, energy in its tank, intended position; NaN without a
-    helper."""
+    """Seven numbers: position of the helper's hand [m], force on it [N], energy in its tank [J], and its intended
+    position
+    [m]; NaN without a helper."""
 
     def start(self, number: int) -> None:
         """Start a trial."""
 
     def set_goal(self, goal: int) -> None:
-        """Set a new goal."""
+        """Set the number of the current goal."""
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
         """The force (2,) [N] for a hand at (x, y) [m]; `enable` and `stamp` as in `Assistance.step`."""
@@ -53,13 +54,13 @@ class ForceLaw:
 
 
 class Assisted(ForceLaw):
-    """`Assistance` or `PathAssistance`, which estimate the velocity from the positions.
+    """The controller `Assistance` or `PathAssistance`, which estimates the velocity from the positions.
 
     Parameters
     ----------
-    assistance : to hold points, with the field of the first one.
-    points, pace : (M, 2) [m] points to hold; the pace shifts the field between them. A field that jumped to the next
-        point would pull the hand there with its full force.
+    assistance : the controller; if points are held, it has the field of the first one.
+    points, pace : (M, 2) [m] points to hold, and the smoother that moves the field from one to the next. If the field
+        jumped, it would pull the hand to the next point with its full force.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class Assisted(ForceLaw):
         self.set_goal(0)
 
     def set_goal(self, goal: int) -> None:
-        """Move to the next point."""
+        """Move the field to the point number `goal`."""
         self._goal, self._there = goal, self._points is None
 
     def command(self, x: float, y: float, *, enable: object = True, stamp: float | None = None) -> Command:
@@ -94,7 +95,7 @@ class Assisted(ForceLaw):
 
 
 class Published(ForceLaw):
-    """Eq. (20) with a hard gate and a clip; velocities are differences of positions, `dt` [s] apart."""
+    """Eq. (20) with a hard gate and a clipped force; the velocity is the change of position in a tick of `dt` [s]."""
 
     def __init__(self, law: FieldLaw, *, dt: float) -> None:
         self._law, self._dt = law, dt
@@ -126,7 +127,7 @@ def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
 
 
 def bounds_of(problem: ScenarioProblem, *, solver: str | None, backup: str | None = None) -> dict[str, Any]:
-    """Bounds that both sides of a pair share with the assistance; `solver` overrides the file's."""
+    """Arguments for the bounds of the assistance, and of both sides of a pair; `solver` overrides the file's solver."""
     bounds = problem.assistance.arguments()
     del bounds["onset"]
     return {
@@ -140,7 +141,7 @@ def bounds_of(problem: ScenarioProblem, *, solver: str | None, backup: str | Non
 
 @contextmanager
 def bounds_refusals(config: ProblemFile[ScenarioProblem], *, solver: str | None, section: str) -> Iterator[None]:
-    """Name the file's key, or `--solver`, if a controller refuses it."""
+    """Context in which errors of a controller name the file's key, or `--solver`."""
     own = {"solver": "run.solver"}
     with (
         solver_refusals(solver, file=config.file, key="run.solver", value=config.problem.run.solver),

@@ -1,4 +1,4 @@
-"""`system = "scenario"`, run and live; in a live run the user may point at the goal."""
+"""Live runs of `system = "scenario"`, in which the user may point at the goal."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class LiveScenario(LiveProblem):
 
     @cached_property
     def _person(self) -> tuple[ArmBodies, ArmIK]:
-        """The arm within the reachable workspace, in the robot's frame at height zero; and its posture limits."""
+        """Two results: the arm to draw, in the robot's frame at height zero, and its inverse kinematics."""
         section = self.task.problem.arm
         arm = arm_of(section.side, section.segments, section.reachable, file=self.task.config.file)
         place = placement_of(section).pose
@@ -153,7 +153,7 @@ def _outlines(workspace: Workspace) -> list[list[list[float]]]:
 
 
 def _arrows(context: Precomputed, low: Array, high: Array, reach: float) -> list[list[Any]]:
-    """The field's force on a hand at rest, without the gate; of several fields the first."""
+    """Arrows of the first field's force on a hand at rest, without the gate."""
     middle, half = 0.5 * (low + high)[:2], 0.5 * reach
     axis = np.linspace(-half, half, ARROWS)
     places = [middle + np.array((x, y)) for x in axis for y in axis]

@@ -30,7 +30,7 @@ from rehab_opt.workspace.region import Workspace
 
 STOOD = reason_text(NUMBER["HAND_STANDS"], ())
 STABLE = 1 + 1e-6
-"""Largest growth per tick that counts as rounding."""
+"""Largest growth factor of the simulation in a tick that counts as stable; the excess over 1 is rounding."""
 
 
 def person_of(problem: ScenarioProblem) -> Person:
@@ -72,23 +72,23 @@ def hand_robot_of(config: ProblemFile[ScenarioProblem]) -> MakesRobots:
 
 
 CALM, REST = 0.02, 0.5
-"""[m/s, s] A hand that is slower, and for so long, has arrived."""
+"""[m/s, s] A hand that is slower than `CALM` for the time `REST` has arrived."""
 
 
 class Scene(NamedTuple):
-    """The parts that all trials of a scenario share."""
+    """The simulated person, robot and intention, which all trials of a scenario share."""
 
     comfortable: Workspace
     person: Person
     robot: MakesRobots
     intention: Intention
     within: float | None
-    """[m] A reach ends when the hand has been within this distance of its goal; None: the trial ends by time."""
+    """[m] A reach ends when the hand has rested within this distance of its goal; None if trials end by time."""
     dt: float
 
     @property
     def pace(self) -> Pace:
-        """Pace of the intention in a new trial."""
+        """The person's progress through the intention, for a new trial."""
         return Pace(self.intention, self.person.aims, ahead=self.person.ahead)
 
 
@@ -98,13 +98,12 @@ HELD = LiveInputs(enable=True)
 
 
 class Helping(LiveControl):
-    """A controller and a simulated person; the person intends the file's motion, or the point that the live user
-    selects.
+    """A controller and a simulated person, who intends the file's motion or the point that the live user selects.
 
     Parameters
     ----------
-    law : started for the trial `number`. scene : shared by all trials. seed : for the person's variability and the
-        sensor noise.
+    law : controller, which is started for the trial `number`. scene : person, robot and intention of all trials.
+    seed : seed of the person's variability and of the sensor noise.
     endless : after a trial the next one starts at the hand's current position.
     plant : replaces this person and robot, for example when a log is replayed.
 
@@ -131,7 +130,7 @@ class Helping(LiveControl):
         law.start(number)
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
-        """One tick of the controller; the person intends nothing unless enabled, or the live user selects a point."""
+        """The controller's command; the person intends a motion if enabled, or if the live user selects a point."""
         person = self.person
         person.target = (*inputs.target[:2], 0.0, 0.0) if inputs.dragged else None
         self.law.led = inputs.helper[:2] if all(map(math.isfinite, inputs.helper)) else None

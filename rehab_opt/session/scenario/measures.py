@@ -46,10 +46,10 @@ def trial_measures(
     Parameters
     ----------
     reference : (M, 2) [m] the path, or the points to hold.
-    target : (2,) [m] the point to reach; None if any point of the reference will do (stretch), or for the end of the
-        reference (follow); not needed in "hold".
-    within : [m] a hand within this distance is on the target, and covers a path.
-    jump : [m] stretch of a path that may be skipped and still counts as covered; default twice `within`.
+    target : (2,) [m] the point to reach. None means any point of the reference in "stretch", and its end in "follow";
+        "hold" needs no target.
+    within : [m] a hand within this distance of the target is on it, and within this distance of a path covers it.
+    jump : [m] length of a path section that may be skipped and still counts as covered; default twice `within`.
     """
     path = np.asarray(reference, dtype=np.float64)
     where = projected(trial["_hand"], path)
@@ -83,9 +83,10 @@ def trial_measures(
 
 
 def deviation_of(trial: Trace, path: Array, mode: Mode) -> tuple[Array, Ticks]:
-    """(N,) [m] distance from `path` (M, 2), from its current point if the path is followed, or from the point to hold;
+    """Two results: the deviation (N,) [m] of the hand, and whether it counts (N,) in each tick.
 
-    and (N,) the ticks in which it counts.
+    The deviation is the distance from the point to hold, from the current point of a path that is followed, or else
+    from the nearest point of `path` (M, 2).
     """
     hand = trial["_hand"]
     if mode == "hold":
@@ -161,7 +162,7 @@ def _statuses(trial: Trace) -> Numbers:
 
 
 def promised(trial: Trace, where: Projection, mode: Mode) -> Numbers:
-    """Numbers that the controller guarantees, for one trial; `where` are its positions on the reference.
+    """Measures of what the controller guarantees, for one trial; `where` projects the hand onto the reference.
 
     Inside W_c the magnitude of the commanded force may not grow. The force along the reference, towards its end, counts
     only outside W_c.
@@ -185,8 +186,9 @@ def promised(trial: Trace, where: Projection, mode: Mode) -> Numbers:
 def time_to_zero_force(trial: Trace) -> float | None:
     """[s] longest time from entering W_c, or from a start inside, until the force is exactly zero.
 
-    A stay that ends before that counts with its full length, so that it cannot hide a force that was never released.
-    None if the hand was never inside.
+    If the hand leaves W_c earlier, the whole stay counts, so that a force that was never released is not hidden. None
+    if
+    the hand was never inside.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([0], trial["inside"].astype(np.int8), [0]))))
     zero: Ticks = (trial["force_commanded"] == 0).all(axis=1)
@@ -212,7 +214,7 @@ def _mean_and_max(name: str, unit: str, of: Array) -> Numbers:
 
 
 def _mean(values: Array, ticks: Ticks) -> float | None:
-    """Mean over the ticks (N,), None without any."""
+    """Mean of the values in the selected ticks (N,); None if no tick is selected."""
     return float(values[ticks].mean()) if ticks.any() else None
 
 
@@ -227,16 +229,16 @@ LESS_IS_WORSE = frozenset(
         "pair_energy_left_min_J",
     }
 )
-"""For all other measures the largest value is the worst."""
+"""Measures whose smallest value is the worst; for all others, the largest is."""
 NEVER_IS_WORST = frozenset({"time_to_target_s"})
-"""For these, a trial without the number is the worst."""
+"""Measures for which a trial without a value is the worst."""
 
 
 def law_summary(measures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Mean and worst of every number over the trials, and the fraction of successful trials.
+    """Mean and worst value of every measure over the trials, and the fraction of successful trials.
 
-    A mean is over the trials that have the number, and None without any. The worst time is None if a trial never
-    reached the event.
+    The mean is over the trials that have a value, and None if no trial has one. The worst time to the target is None
+    if a trial never reached it.
     """
     mean: dict[str, Any] = {}
     worst: dict[str, Any] = {}

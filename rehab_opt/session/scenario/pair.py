@@ -1,4 +1,4 @@
-"""Helper and participant of a problem file as a controller of the loop, with a simulated helper, and their measures."""
+"""A helper and a participant as a controller of the closed loop, with a simulated helper, and measures of both."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Together(ForceLaw):
 
     Parameters
     ----------
-    both : the pair. context : of the file; the helper restarts at the end of the intended motion.
-    person, makes : the helper and their robot.
+    both : the pair. context : workspaces and task of the file; at the end of the intended motion, the helper restarts.
+    person, makes : parameters of the helper, and the factory of the helper's robot.
     """
 
     def __init__(self, both: Bilateral, context: Precomputed, person: Person, makes: MakesRobots) -> None:
@@ -79,7 +79,7 @@ class Together(ForceLaw):
 def sides_of(
     context: Precomputed, *, solver: str | None, backup: str | None = None
 ) -> tuple[HelperSide, ParticipantSide]:
-    """Both sides of a mapped path."""
+    """The helper's and the participant's side of the pair, for a mapped path."""
     helper, shared = context.problem.helper, context.workspace_map
     assert shared is not None  # the schema refuses a pair without a map
     bounds = bounds_of(context.problem, solver=solver, backup=backup)

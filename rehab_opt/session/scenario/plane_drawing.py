@@ -1,4 +1,4 @@
-"""What the figures of scenarios share: how controllers look, the plane with its workspaces, means over trials."""
+"""Parts that the figures of scenarios share: styles of controllers, plane with workspaces, means over trials."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ REACHABLE_STYLE = {"facecolor": "#DDDDDD", "edgecolor": "#555555", "linestyle": 
 COMFORTABLE_STYLE = {"facecolor": COMFORTABLE, "edgecolor": "#00573F", "linestyle": "-", "zorder": 1}
 FORCE_LIMIT: Mapping[str, Any] = {"color": REFERENCE, "linewidth": THIN, "linestyle": "--", "label": "force limit"}
 ROOM = 0.15
-"""Fraction of what is drawn that is left free around it."""
+"""Margin around the points in a picture, as a fraction of their extent."""
 
 
 def draw_plane(axes: Axes, context: Precomputed, box: Box, *, reachable: bool = True) -> None:
-    """W_c, above W_r, with equal scales within the limits, and labels with the frame."""
+    """Draw W_r and W_c on top of it, with equal scales, the axis limits `box`, and axis labels that name the frame."""
     placement = context.comfortable.placement
     placed = any(placement.position) or placement.turn != 0
     axes.set(xlim=box[0], ylim=box[1], aspect="equal")
@@ -55,7 +55,7 @@ def draw_plane(axes: Axes, context: Precomputed, box: Box, *, reachable: bool = 
 
 
 def draw_reference(axes: Axes, context: Precomputed, path: Array | None = None, *, label: str = "reference") -> None:
-    """Draw the reference, or another path (N, 2) [m]: a line, with its end marked if it is a goal, or points."""
+    """Draw the reference, or another path (N, 2) [m]: points to hold, or a line whose end is marked if it is a goal."""
     points = MM * (context.reference if path is None else path)
     if context.mode == "hold":
         axes.plot(*points.T, "+", color=REFERENCE, markersize=7, markeredgewidth=1.5, label=label, zorder=6)
@@ -84,13 +84,14 @@ def box_around(points: Array) -> Box:
 
 
 def count_words(of: ScenarioTrials) -> str:
-    """How many trials, in words."""
+    """Text with the number of trials."""
     return f"n = {max(map(len, of.trials.values()))} trials with each controller, of a simulated person."
 
 
 def mean_over_trials(trials: Sequence[Trace], values: Iterable[Array]) -> tuple[Array, Array]:
-    """(K,) [s] and the mean of `values`, (N,) or (N, 2) for each trial, over the running trials, while at least half
-    run.
+    """Two results: times (K,) [s], and the mean over the trials that still run, as long as at least half of them do.
+
+    `values` has an array (N,) or (N, 2) for each trial.
     """
     lengths = sorted((len(trial["t_s"]) for trial in trials), reverse=True)
     under_way = lengths[(len(trials) - 1) // 2]

@@ -1,4 +1,4 @@
-"""Everything that a scenario's trials need from its problem file: sets, reference, fields, the person's intention."""
+"""Objects that a scenario's trials need from its problem file: workspaces, reference, fields, and intention."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, lis
 
 
 def refuse_outside(config: ProblemFile[ScenarioProblem], path: Array, where: Workspace) -> None:
-    """Refuse a path (N, 2) [m], robot's frame, that leaves `where`: the arm cannot go there."""
+    """Refuse a path (N, 2) [m], in the robot's frame, that leaves the workspace `where`: the arm cannot follow it."""
     away = np.asarray(where.distance(path))
     worst = int(np.argmax(away))
     if not away[worst] <= where.accuracy:
@@ -76,7 +76,7 @@ def _path_key(problem: ScenarioProblem) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Precomputed:
-    """The precomputed parts of a problem file; all positions are in the robot's frame.
+    """Workspaces, reference, fields and intention of a problem file; all positions are in the robot's frame.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Precomputed:
 
     @property
     def mode(self) -> Mode:
-        """The scenario."""
+        """The mode of the scenario, such as "follow"."""
         return self.config.problem.mode
 
     @property

@@ -35,16 +35,17 @@ Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.1, le=600)]
 Width = Annotated[float, Field(ge=1, le=1000)]
 MAX_TICKS = 2_000_000
-"""Largest number of ticks of all trials, since all are kept in memory."""
+"""Largest number of ticks of all trials together, since all are kept in memory."""
 
 
 class ScenarioArm(ArmInPlane):
     """The arm with its comfortable and its reachable range of motion."""
 
     comfortable: OneRange = "restricted"
-    """W_c: `"restricted"` (Table I) or `"figure_3"` (its caption), or a table of the eight joints."""
+    """Range of motion that defines W_c: `"restricted"` (Table I), `"figure_3"` (caption of Fig. 3), or a table of the
+    eight joints."""
     reachable: OneRange = "regular"
-    """W_r, in the same forms."""
+    """Range of motion that defines W_r, in the same forms."""
 
 
 class DemonstrationsSection(Section):
@@ -60,7 +61,8 @@ class TaskSection(Section):
     """The participant's task."""
 
     demonstrations: DemonstrationsSection | None = None
-    """S, k1 and D are learnt from them (`stretch`, `assist`); the path is their mean, or the given one."""
+    """Demonstrations from which S, k1 and D are learnt, in `stretch` and `assist`; the path is their mean, unless it is
+    given."""
     points_m: Annotated[list[Point], Field(min_length=1, max_length=1000)] | None = None
     """Corners of the path, or the points to hold, in the frame of the shoulder; either this or a recording."""
     recording: RecordingSection | None = None
@@ -81,7 +83,7 @@ class TaskSection(Section):
     dwell_s: Seconds = 1.5
     """Rest at each point to hold."""
     within_mm: float = Field(default=5.0, gt=0, le=100)
-    """A hand within this distance is on the target; a reach ends after 0.5 s there below 20 mm/s."""
+    """A hand within this distance is on the target; a reach ends when it has been there for 0.5 s below 20 mm/s."""
     trials: int = Field(default=4, ge=1, le=1000)
     """Number of trials; the person varies from trial to trial, equally for every controller."""
     seed: int = Field(default=0, ge=0, le=2**31)
@@ -103,14 +105,14 @@ class FieldSection(Section):
     """The force field: S, sigma, D, and k1 or `resistance_N`; for a learnt field only the candidate sigmas."""
 
     stiffness_N_m: float | None = Field(default=None, gt=0, le=1e5)
-    """S; required unless the field is learnt."""
+    """Stiffness S; required unless the field is learnt."""
     width_mm: Width | None = None
-    """sigma; required unless the field is learnt."""
+    """Width sigma; required unless the field is learnt."""
     widths_mm: Annotated[list[Width], Field(min_length=1, max_length=20), Once] | None = None
     """Candidates for sigma, chosen by the error on held-out data (every fifth demonstration, or the last one); no other
     key of `field` is allowed then."""
     drag_N_m: float = Field(default=0.0, ge=0, le=1e5)
-    """k1 of Eq. (21), not in `resist` and `hold`."""
+    """Gain k1 of Eq. (21); not allowed in `resist` and `hold`."""
     resistance_N: float = Field(default=0.0, ge=0, le=1e4)
     """Force against the motion at the end of the path; required in `resist`."""
     damping_Ns_m: float = Field(default=0.0, ge=0, le=1e4)
@@ -123,22 +125,22 @@ class AssistanceSection(Section):
     force_limit_N: float = Field(default=30.0, gt=0, le=1000)
     """Largest force. This and the following keys are those of `Assistance`; with a helper they hold for both sides."""
     slew_limit_N_s: float = Field(default=2500.0, gt=0, le=1e5)
-    """Largest change of the force."""
+    """Largest rate of change of the force."""
     growth_limit_N_s: float = Field(default=200.0, gt=0, le=1e5)
-    """Largest growth of a force that the hand has not felt lately."""
+    """Largest rate at which the force grows above its recent maximum."""
     energy_budget_J: float = Field(default=20.0, gt=0, le=1e4)
     """Energy of the tank."""
     speed_cap_m_s: float = Field(default=1.0, gt=0, lt=10)
-    """A faster hand is a fault."""
+    """Largest speed of the hand; a faster hand counts as a fault."""
     onset_mm: float = Field(default=0.0, ge=0, le=1000)
-    """Distance beyond W_c over which the force grows in therapy; zero is Eq. (23)."""
+    """Distance outside W_c over which the force grows to its full value in therapy; zero gives Eq. (23)."""
 
 
 class RobotSection(Section):
     """The simulated robot: see `RobotModel`."""
 
     mass_kg: float = Field(default=RobotModel.mass, gt=0, le=100)
-    """Mass in every direction."""
+    """Mass of the robot, the same in every direction."""
     viscous_Ns_m: float = Field(default=RobotModel.viscous, ge=0, le=500)
     """Viscous friction."""
     coulomb_N: float = Field(default=RobotModel.coulomb, ge=0, le=100)
@@ -146,9 +148,9 @@ class RobotSection(Section):
     gain: float = Field(default=RobotModel.gain, ge=0, le=10)
     """Proportional gain of the force loop."""
     integral_per_s: float = Field(default=RobotModel.integral, ge=0, le=1000)
-    """Its integral gain."""
+    """Integral gain of the force loop."""
     sensor_noise_N: float = Field(default=RobotModel.noise, ge=0, le=10)
-    """Standard deviation of the force sensor, per axis."""
+    """Standard deviation of the force sensor's noise, for each axis."""
     motor_limit_N: float = Field(default=RobotModel.motor_limit, gt=0, le=1000)
     """Largest motor force of each axis."""
     lower_m: Point = Field(default=[-10.0, -10.0])
@@ -158,7 +160,7 @@ class RobotSection(Section):
 
     @model_validator(mode="after")
     def stops_are_in_order(self) -> Self:
-        """Refuse stops that leave no room to move."""
+        """Refuse an upper stop that is not above the lower one."""
         if not all(low < high for low, high in zip(self.lower_m, self.upper_m, strict=True)):
             raise refusal("upper_m", self.upper_m, f"above robot.lower_m = {self.lower_m} in both coordinates")
         return self
@@ -174,7 +176,7 @@ class PersonSection(Section):
     damping_Ns_m: float = Field(default=Person.damping, ge=0, le=500)
     """Damping B."""
     persistence_per_s: float = Field(default=Person.persistence, ge=0, le=100)
-    """Growth rate of the effort: per second, this times K times the remaining distance."""
+    """Growth rate of the effort: in each second, the force grows by this value times K times the remaining distance."""
     strength_N: float = Field(default=Person.strength, ge=0, le=1000)
     """Largest voluntary force within W_c."""
     weak_strength_N: float = Field(default=Person.weak_strength, ge=0, le=1000)
@@ -188,11 +190,11 @@ class PersonSection(Section):
     wander_mm: float = Field(default=1e3 * Person.wander, ge=0, le=100)
     """Standard deviation, per coordinate, of the error in the intended position."""
     wander_s: float = Field(default=Person.wander_time, ge=0.01, le=60)
-    """Time constant T of its autocorrelation (1 + t / T) exp(-t / T)."""
+    """Time constant T of that error's autocorrelation (1 + t / T) exp(-t / T)."""
     tremor_N: float = Field(default=Person.tremor, ge=0, le=50)
     """Root mean square of the tremor force."""
     tremor_hz: float = Field(default=Person.tremor_hz, gt=0, le=30)
-    """Frequency of the tremor, the centre of three lines."""
+    """Frequency of the tremor, which is the centre of its three spectral lines."""
     spasms_per_s: float = Field(default=Person.spasm_rate, ge=0, le=10)
     """Mean rate of spasms."""
     spasm_N: float = Field(default=Person.spasm_force, ge=0, le=100)
@@ -200,10 +202,11 @@ class PersonSection(Section):
     spasm_s: float = Field(default=Person.spasm_time, gt=0, le=5)
     """Mean duration of a spasm."""
     aims: Aims = Person.aims
-    """Intended position: by "clock", the point due at this time; along the "path", a point ahead of where the person
-    sees the hand."""
+    """How the intended position moves: with "clock", it is the point that is due at this time; with "path", a point
+    ahead
+    of where the person sees the hand."""
     ahead_mm: float = Field(default=1e3 * Person.ahead, gt=0, le=100)
-    """For "path": largest distance ahead."""
+    """With "path": largest distance of the intended position ahead of the hand."""
 
 
 class HelperSection(Section):
@@ -261,7 +264,7 @@ class ScenarioProblem(Problem):
 
     @model_validator(mode="after")
     def the_field_is_given_or_learnt(self) -> Self:
-        """Refuse a field with both numbers and demonstrations, and with neither."""
+        """Refuse a field with both parameters and demonstrations, and a field with neither."""
         said = self.field
         if self.task.demonstrations is None:
             for key in ("stiffness_N_m", "width_mm"):

@@ -50,7 +50,7 @@ class TrialScene:
         self.task, self.law, self.number = task, law, number
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """See `trial_trace`."""
+        """Trace of the trial, see `trial_trace`."""
         task = self.task
         task.progress = progress
         law = task.laws[self.law]
@@ -174,7 +174,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         return {(law, k): TrialScene(task, law, k) for law in said.run.laws for k in range(said.task.trials)}
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """By controller, the means and the worst of its trials; also areas of the workspaces, and the learnt field."""
+        """Means and worst values over the trials of each controller; areas of the workspaces; the learnt field."""
         context, _, measures = trials_of(outcome)
         fit = context.fields[0].fit
         return {
@@ -187,7 +187,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         }
 
     def notes(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> Iterator[str]:
-        """Where assistance made a trial worse; assumptions; the helper; unrealistic hands."""
+        """Notes on trials that assistance made worse, on assumptions, on the helper, and on unrealistic motion."""
         task: Task = next(iter(outcome.scenes.values())).task
         of = trials_of(outcome)
         yield from _along(of) if of.context.mode == "follow" else ()
@@ -199,7 +199,7 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         yield from swinging_notes(task.laws)
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """One column for each controller: means over its trials, and the worst of them."""
+        """One column for each controller: means and worst values over its trials."""
         return {
             law: {"success_rate": of["success_rate"], **of["mean"], "worst trial": of["worst"]}
             for law, of in outcome.metrics["laws"].items()
@@ -228,5 +228,5 @@ class ScenarioSystem(System[ScenarioProblem, TrialScene]):
         }
 
     def live(self, config: Config, *, options: Mapping[str, str]) -> LiveProblem:
-        """The file's person, until the live user selects another goal; options as for `run`."""
+        """Live run with the file's simulated person, until the user selects another goal; options as for `run`."""
         return LiveScenario(Task(config, options.get("solver")))

@@ -15,8 +15,9 @@ from rehab_opt.session.trace import Trace
 
 Law = Literal["unassisted", "assisted", "published", "together", "delayed"]
 LAWS: tuple[Law, ...] = get_args(Law)
-"""No force; `Assistance`; the paper's field with a hard gate and a clip (`FieldLaw`), not certified; `Bilateral`,
-pulled by a helper, without and with a delay."""
+"""The controllers: no force; `Assistance`; the paper's field with a hard gate and a clipped force (`FieldLaw`), which
+is
+not certified; `Bilateral`, in which a helper pulls the hand, without and with a delay."""
 RATE = 100.0
 """[Hz] Largest rate of trace.csv; metrics.json uses all ticks."""
 METRES, NEWTONS = ("x_m", "y_m"), ("x_N", "y_N")
@@ -34,7 +35,7 @@ def trial_trace(columns: Mapping[str, ArrayLike], *, ended: str) -> Trace:
     columns : `t_s`; `_hand`, `velocity`, `intended` (N, 2); `force_desired` (before bounds), `force_commanded`,
         `force_measured` (N, 2); `inside`, whether the hand is in W_c; `goal` (N, 2) to reach or hold, NaN without one;
         `energy_left_J` in the tank, NaN without one; `status`; `_relaxed`, flags of `Relaxed`; `_let_go`, whether a
-        hand was released that stood under force. With a helper also `helper`, `helper_force`, `_helper_intended`
+        hand that stood still under force was released. With a helper also `helper`, `helper_force`, `_helper_intended`
         (N, 2) and `helper_energy_left_J`. For a robot with delays also `_seen` [m] and `_acting` [N]: the measured
         position and the motor force at the start of the tick.
     ended : "done" if the task was finished, "late" if its time was over.

@@ -31,7 +31,7 @@ from rehab_opt.workspace.volume import ReachableVolume, reachable_volume
 
 
 class TiltsSection(Section):
-    """Further largest tilts of the handle, for which the area of one range of motion is computed."""
+    """Other limits of the handle's tilt, for which the area of one range of motion is computed, too."""
 
     range: str
     """Name of a range of motion in `arm.range_of_motion`."""
@@ -46,13 +46,14 @@ class WorkspaceProblem(Problem):
     arm: ArmOfRanges
     """The participant's arm."""
     volume: bool = False
-    """If true, the reachable volumes are also computed, with the handle's tilt limited as in the plane, and free."""
+    """If true, the reachable volumes are also computed, with the handle's tilt limited as in the plane, and without a
+    limit."""
     volume_accuracy_mm: float = Field(default=8.0, ge=1, le=50)
     """Accuracy of the horizontal slices of a volume."""
     volume_spacing_mm: float = Field(default=40.0, ge=5, le=500)
     """Distance between two slices of a volume."""
     tilts: TiltsSection | None = None
-    """Further largest tilts of the handle."""
+    """Other limits of the handle's tilt."""
 
     @model_validator(mode="after")
     def range_of_tilts_is_there(self) -> Self:
@@ -82,7 +83,8 @@ class ReachedSets:
         """Trace with one row for each vertex: set, component from 1, ring (0: outline; 1, 2, ...: holes), x and y.
 
         Columns that are not written to files are the sets `_workspace`, their names `_range`, computing times
-        `_seconds`, volumes `_volume` (sets, `held`), and the sets `_tilted` for the further tilts.
+        `_seconds`, volumes `_volume` (one row for each set, one column for each of `held`), and the sets `_tilted` for
+        other tilts.
         """
         arm, file = self.problem.arm, self._file
         found = {
