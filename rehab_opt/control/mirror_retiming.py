@@ -80,7 +80,7 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Passage for kinds of path `ways` (M,) and speed factors `slow` (M,); for each of its ticks, the plan's tick.
+    """Two results: passage for kinds of path `ways` (M,) and speed factors `slow` (M,); the plan's tick for each tick.
 
     None if the passage is slower than the plan.
     """

@@ -82,7 +82,7 @@ class Evaluated:
     about : short description of the result.
     function : the CasADi function; its first output is the result.
     inputs : C address of each input: in the controller's memory, an argument, or a table.
-    tables : columns of numbers (n,) by their name in C, or (n, count) if a tick selects one column.
+    tables : columns of numbers (n,), by their name in C; or (n, count), of which a tick selects one column.
     """
 
     controller: str

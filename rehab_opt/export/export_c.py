@@ -48,7 +48,7 @@ def export_c(
         from the first tick's q. Stamps, forces and the enable input are generated. By default a random run, or that of
         the problem file.
     memory : [bytes] largest size of the C struct. For a `MirrorTracker` (default 96 kB) the buffer of reference samples
-        fills the part that is left; other controllers have a fixed size.
+        takes the memory that remains; other controllers have a fixed size.
     writing : context that is active while files are written.
 
     Raises

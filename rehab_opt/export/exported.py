@@ -102,7 +102,7 @@ class ExportedController(ABC):
     solves : largest number of solves in a tick.
     values : further template values of the interface.
     more_memory : further members of the C struct.
-    pieces : templates (without .in) that core, interface and later pieces include, by their names in these.
+    pieces : templates (without .in) that core, interface and later pieces include; the keys are the names used there.
     """
 
     core: ClassVar[str]
@@ -125,7 +125,7 @@ class ExportedController(ABC):
     @property
     @abstractmethod
     def dt(self) -> float:
-        """[s] of a tick."""
+        """[s] Length of a tick."""
 
     @abstractmethod
     def limits(self) -> list[str]:
@@ -178,7 +178,7 @@ class ExportedVelocity(ExportedController):
 
     @property
     def dt(self) -> float:
-        """[s] of a tick."""
+        """[s] Length of a tick."""
         return self.laws[0].controller.dt
 
     def limits(self) -> list[str]:

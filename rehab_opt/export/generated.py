@@ -22,7 +22,7 @@ DEFINITION = re.compile(r"^(?=(?:casadi_real|casadi_int|void|int) casadi_\w+\()"
 """Start of a function of CasADi's runtime; by default the linker sees these functions."""
 
 COPY, FROM_WORK = "void casadi_copy(", re.compile(r"\bcasadi_copy\((?=w\d|\(&w\d)")
-"""CasADi's function that copies a vector, unless it is NULL; and a call of this function for work space."""
+"""CasADi's function that copies a vector unless it is NULL; a call of it for scratch memory, which is never NULL."""
 COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int n, casadi_real* y) {
   casadi_int i;
   if (y) for (i=0; i<n; ++i) y[i] = x[i];
@@ -32,19 +32,19 @@ COPY_FROM_WORK = """void casadi_copy_from_work(const casadi_real* x, casadi_int 
 """The same copy without the branch for x = NULL, for which gcc 12 warns (-Warray-bounds)."""
 
 FUNCTION = re.compile(r"(?:^/\*[^\n]*\*/\n)?^static int (casadi_f\d+)(\(.*?^}\n\n?)", re.MULTILINE | re.DOTALL)
-"""A function with a fixed name, with the comment before it."""
+"""A static function to which CasADi gave a number as its name, with the comment before it."""
 NAME = re.compile(r"(#define )?\b(casadi_f\d+)\b(?(1).*\n)")
 """The name of an inner function, or the line that defines its prefix."""
 
 WORK = re.compile(r"\*sz_(arg|res|iw|w) = (\d+);")
-"""Work space that a function declares."""
+"""Size of scratch memory that a function declares."""
 
 UNUSED = ("#include <stdarg.h>\n", "#include <stdio.h>\n")
 """Unused headers, which a robot's processor may lack."""
 
 
 class Generated(NamedTuple):
-    """C code of some functions, and the largest work space of one of them."""
+    """C code of several functions, and the size of the scratch memory that the largest needs."""
 
     code: str
     notice: str
@@ -58,8 +58,8 @@ class Generated(NamedTuple):
 def generated(functions: Sequence[ca.Function]) -> Generated:
     """C code of all functions, each static with its own name.
 
-    Outputs may use the memory of inputs. Work space sizes are those of the virtual machine, which are at least those of
-    the code. These sizes include the additional integers of `optim/qrqp.py`, because qrqp writes one integer too many.
+    An output may have the same memory as an input. The sizes of scratch memory are those of the virtual machine; the
+    code needs no more. They include the additional integers of `optim/qrqp.py`, because qrqp writes one too many.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
 
 
 def _writes_last(code: str) -> bool:
-    """Whether every function with a fixed name reads all inputs before it writes an output."""
+    """Whether every function of the interface reads all inputs before it writes an output."""
     called = re.findall(r"return (casadi_f\d+)\(arg, res, iw, w, mem\)", code)
     bodies = (code.partition(f"static int {each}(")[2].partition("\n}")[0] for each in called)
     return bool(called) and not any(re.search(r"\b(arg|wr)\d*\b", body.partition(" res[")[2]) for body in bodies)

@@ -78,7 +78,7 @@ def exported_object(
 
 # ------------------------------------------------------------ ticks with arguments of `step` -> ticks of a recorded run
 def _told(run: Run) -> Sequence[tuple[str, Mapping[str, Any]]]:
-    """The ticks of the run, each with its name in errors."""
+    """The ticks of the run, each with the name that error messages use for it."""
     if not (isinstance(run, Sequence) and run and all(isinstance(tick, Mapping) for tick in run)):
         raise ConfigurationError("run", run, "a list of at least one tick, each a dict of what `step` takes")
     return [(f"run[{k}]", tick) for k, tick in enumerate(run)]

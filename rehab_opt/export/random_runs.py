@@ -71,7 +71,7 @@ def mirror_reference(tracker: MirrorTracker) -> Ticks:
 
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:
-    """Twists of every set of rows, in both frames, up to twice the robot's speed; the robot moves as commanded."""
+    """Ticks with twists for every set of rows, in both frames, up to twice the robot's speed; it moves as commanded."""
     rng, chain, most = np.random.default_rng(0), resolver.robot.chain, resolver.limits.moving
     widest = max(map(len, resolver.row_sets))
     resolver.reset()
@@ -99,7 +99,7 @@ def hand_run(region: Workspace, dt: float) -> Array:
 
 
 def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
-    """Hands (N, 2) [m] of the helper and of the participant, who follows, and the messages that each receives."""
+    """Hand positions (N, 2) [m] of helper and participant, who follows; and the messages that each of them receives."""
     workspace_map = pair.helper.workspace_map
     hands = hand_run(workspace_map.source, pair.dt)
     drawn = np.array([workspace_map.image(hand) for hand in hands])

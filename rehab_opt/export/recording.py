@@ -155,7 +155,7 @@ def recorded(
 
 
 def thinned(count: int) -> NDArray[np.intp]:
-    """Indices of the ticks that a recorded run keeps, of `count`: all, or every second, third and so on."""
+    """Indices of the ticks, out of `count`, that a recorded run keeps: all, or every second, third and so on."""
     return np.arange(0, count, -(-count // MAX_TICKS))
 
 
@@ -167,9 +167,10 @@ def encoder_noise(ticks: int, joints: int) -> Array:
 
 
 def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joints, RunTick]:
-    """The run with the first positions in every tick, joints that replace them (see `recorded`), and the fastest tick.
+    """Three results: the run with the first positions in every tick; joints; the fastest tick.
 
-    The joints move as commanded; in the fastest tick a joint is faster than in any other.
+    The joints move as commanded, and their encoder values replace the first positions, see `recorded`. In the fastest
+    tick a joint is faster than in any other.
     """
     fastest = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
     start = run[0]["q"]
@@ -180,7 +181,7 @@ def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joint
 def with_faults(
     ticks: Sequence[RunTick], *, dt: float, max_age: float, more: Sequence[Callable[[RunTick], RunTick]] = ()
 ) -> list[RunTick]:
-    """The ticks with all kinds of faults among them, and generated stamps.
+    """The given ticks with all kinds of faults put among them, and with generated stamps.
 
     Parameters
     ----------
@@ -212,7 +213,7 @@ def with_faults(
 
 
 def standing(ticks: Sequence[RunTick], moving: RunTick, *, dt: float) -> list[RunTick]:
-    """Ticks after `ticks`: for `STANDS` the encoders are frozen in a moving tick, then `enable` is released."""
+    """Ticks that follow `ticks`: for `STANDS` the tick `moving` with frozen encoders, then with `enable` released."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
     return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 

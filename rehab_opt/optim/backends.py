@@ -60,7 +60,7 @@ UNEVEN = 1e4
 FLAT = 1e-14
 """Fraction of the largest curvature below which a curvature counts as zero."""
 EQUALITY, SOLVED = 5, 1
-"""Codes of daqp."""
+"""Codes of daqp for an equality and for a solved problem."""
 
 
 class Answer(NamedTuple):
@@ -116,9 +116,10 @@ class ProxqpBackend:
     """Dense solver of proxsuite, updated in place.
 
     eps_primal_inf and eps_dual_inf are 0, since with the defaults the solver calls feasible problems infeasible. Both
-    iteration counts are capped, since a NaN cost can hold it for many seconds. The duality gap is checked: a multiplier
-    z at a bound with slack s adds s z to the gap. The certificate limits min(s, z) to 1e-8, so the gap is limited to
-    its square. Answers are not repeatable to the last bit, since the sums depend on the address of the workspace.
+    iteration counts are capped, since a NaN cost can occupy the solver for many seconds. The duality gap is checked: a
+    multiplier z at a bound with slack s adds s z to the gap. The certificate limits min(s, z) to 1e-8, so the gap is
+    limited to the square of 1e-8. Answers are not repeatable to the last bit, since sums depend on the address of the
+    workspace.
     """
 
     name = "proxqp"

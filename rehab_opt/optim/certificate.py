@@ -31,9 +31,9 @@ def certificate_function(n: int, m: int) -> ca.Function:
     else 0), x (n,), and the multipliers of bounds (n,) and rows (m,), positive at an upper bound.
 
     Outputs: x clipped into its bounds (this x is certified and used), and the residual. The residual is the 2-norm of
-    stationarity H x + g + y_x + A'y_A, of the rows' violation, and of min(multiplier, slack) for every bound, with the
-    multipliers y_x and y_A. It has the units of the statement. Any NaN makes the residual infinite or NaN, although
-    CasADi's fmax and fmin drop NaN. Accept with `is_certified`.
+    three vectors together: stationarity H x + g + y_x + A'y_A with the multipliers y_x of bounds and y_A of rows;
+    violation of the rows; min(multiplier, slack) of every bound. The residual has the units of the statement. Any NaN
+    makes it infinite or NaN, although CasADi's fmax and fmin drop NaN. Accept with `is_certified`.
     """
     hessian, gradient, matrix = ca.SX.sym("H", n, n), ca.SX.sym("g", n), ca.SX.sym("A", m, n)
     rows_lower, rows_upper = ca.SX.sym("rows_lower", m), ca.SX.sym("rows_upper", m)
@@ -109,7 +109,10 @@ NEGLIGIBLE = 1e-3
 def delivered_fraction(
     given: ca.SX, desired: ca.SX, missed: ca.SX, *, least: float, enough: ca.SX | float = NEGLIGIBLE
 ) -> ca.SX:
-    """Fraction of `desired` that `given` delivers; 0 up to `enough`, 1 if nothing is `missed` or desired."""
+    """Fraction of the motion `desired` that `given` delivers.
+
+    A fraction up to `enough` counts as 0. If nothing is `missed`, or no more than `least` is desired, the result is 1.
+    """
     size = ca.sumsqr(desired)
     along = clipped(ca.dot(given, desired) / ca.fmax(size, least**2), 0, 1)
     return ca.if_else(ca.logic_and(missed, size > least**2), ca.if_else(along > enough, along, 0), 1)
@@ -133,10 +136,10 @@ def screened_analytic(
     bounds: tuple[ca.SX, ca.SX],
     valid: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """Column (n + n + m,) of the analytic answer and its bound and row multipliers; and its residual.
+    """Two results: column (n + n + m,) of the analytic answer and its multipliers of bounds and rows; its residual.
 
-    A point within bounds and rows is certified without the Hessian if multipliers or active bounds balance its
-    gradient. Otherwise, or without an analytic answer, the residual is infinite.
+    The residual needs no Hessian: it is zero at a point within bounds and rows where multipliers or active bounds
+    balance the gradient. Outside the bounds, or without an analytic answer, the residual is infinite.
     """
     nothing = ca.SX.zeros(x.numel() + rows.expression.numel())
     if analytic is None:

@@ -1,4 +1,4 @@
-"""A QP for a given active set, or by the dual active set method of Goldfarb and Idnani.
+"""Solve a QP for a given active set, or by the dual active set method of Goldfarb and Idnani.
 
 The dual method starts at the solution of the equalities alone and adds one violated bound after the other; it drops
 bounds whose multiplier reaches zero. The cost only rises, so no active set comes twice. Active bounds are independent
@@ -26,9 +26,9 @@ NESTED = 7
 STEPS = NESTED**2
 """Largest number of bounds added or dropped; ticks near obstacles need up to 18."""
 DEPENDENT = 1e-13
-"""Fraction of a bound's curvature that remains on the active bounds; if it is smaller, the bound depends on them.
+"""A bound whose curvature along the active bounds is a smaller fraction of its own depends on the active bounds.
 
-The smallest fraction of an independent bound is about 1e-12; rounding leaves 1e-16.
+For independent bounds the fraction is 1e-12 and more; for dependent ones, rounding leaves 1e-16.
 """
 
 
@@ -52,7 +52,7 @@ def dual_active_set(form: Form) -> ca.Function:
 
 
 class _Numbers:
-    """The QP as expressions of its numbers; its bounds are the first rows."""
+    """The QP as expressions of its data column; the bounds of x are the first rows."""
 
     def __init__(self, form: Form) -> None:
         n, m = form.n, form.m
@@ -66,12 +66,12 @@ class _Numbers:
 
 
 class _State(NamedTuple):
-    """State between steps. A normal is a signed row: normal . x <= limit."""
+    """State between steps. A normal is a signed row: normal . x <= limit. At most `most` bounds are active."""
 
     active: ca.SX
     """(n + m,) 1 or -1 where the upper or lower bound is in the active set."""
     x: ca.SX
-    """(n,) solution with the equalities and the active set."""
+    """(n,) solution for the equalities and the active set."""
     ways: ca.SX
     """(most, n) change of x, along the equalities, per unit multiplier of each active bound; unused rows are zero."""
     stiffness: ca.SX
@@ -79,11 +79,11 @@ class _State(NamedTuple):
     pushing: ca.SX
     """(most,) multipliers of the active bounds, not negative."""
     numbers: ca.SX
-    """(most,) number of each active bound or row, counted from 1; 0 if unused."""
+    """(most,) index of each active bound or row, counted from 1; 0 if unused."""
     pending: ca.SX
     """(n + m,) 1 or -1 for the bound that is being added."""
     begun: ca.SX
-    """Multiplier so far of the bound that is being added."""
+    """Multiplier that the bound being added has reached so far."""
     done: ca.SX
     """Whether no bound is violated, or none can be added."""
 
@@ -93,7 +93,7 @@ class _State(NamedTuple):
 
 
 def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
-    """Column of symbols, and the state in it."""
+    """Two results: a column of symbols, and the state that it holds."""
     n, most, size = of.n, of.most, of.size
     shapes = [(size, 1), (n, 1), (most, n), (triangle(most), 1), (most, 1), (most, 1), (size, 1), (1, 1), (1, 1)]
     column = ca.SX.sym("state", sum(rows * columns for rows, columns in shapes))
@@ -105,7 +105,7 @@ def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
 
 
 def _first(form: Form) -> ca.Function:
-    """Function: numbers -> inverses of the Hessian, without and with the equalities; the first state."""
+    """Function: numbers -> inverses of the Hessian (for all x; along the equalities), the first state."""
     of = _Numbers(form)
     n, most, size, rows = of.n, of.most, of.size, of.rows[of.equal, :]
     free = solver_of(of.hessian)(ca.SX.eye(n))
@@ -177,7 +177,7 @@ def _step(form: Form) -> ca.Function:
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
-    """Bound to add: (n + m,) with 1 or -1 at the pending or most violated one; whether there is one."""
+    """Two results: (n + m,) with 1 or -1 at the bound to add (the pending or most violated); whether there is one."""
     values = of.rows @ state.x
     above, below = values - of.high, of.low - values
     begun = ca.sumsqr(state.pending) > 0
@@ -228,7 +228,7 @@ def active_set_round(form: Form, *, together: int, passes: int = 1, softened: fl
     held = solver_of(stiffness + ca.diag(ca.if_else(ca.logic_and(used, yielding > 0), yielding, 1)))
     pushing = held(rows @ alone - wanted)
     x = alone - sideways @ pushing
-    for _ in range(passes):  # judged by the miss of x, since multipliers of nearly dependent rows are too large
+    for _ in range(passes):  # by the rows' error at x, since multipliers of nearly dependent rows are too large
         more = held(rows @ x - wanted)
         pushing, x = pushing + more, x - sideways @ more
     balance = ca.diag(active[:n]) @ -(hessian @ x + gradient + rows.T @ pushing)

@@ -31,7 +31,7 @@ BACKUP = "daqp"
 
 
 class FallbackChain:
-    """Solver of one statement, called once a tick.
+    """Solver of one `Statement`, with a backup; call it once a tick.
 
     Write into `parameters`, call, and read `x`, `residual` and `report`; the next call overwrites these arrays. The
     call returns the name of the solver whose answer is certified, or "". Only a certified answer changes the memory and
@@ -119,7 +119,7 @@ class FallbackChain:
 
     @staticmethod
     def is_recorded() -> bool:
-        """Whether a recorder is active for solvers made now."""
+        """Whether a solver that is made now is recorded."""
         return recorder_now() is not None
 
     def forget(self, x: ArrayLike = 0.0) -> None:
@@ -203,7 +203,7 @@ def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np
 
 @contextmanager
 def as_in_c(*chains: FallbackChain) -> Iterator[None]:
-    """Disable the backup solvers meanwhile, so that generated C, which has none, can repeat a recorded run.
+    """Context without backup solvers: generated C has none, but must repeat what is recorded here.
 
     Raises `ConfigurationError` if the solver does not generate C.
     """

@@ -1,7 +1,7 @@
 """One tick in one function: kinematics, solve and certificate, without leaving compiled code.
 
-Certified candidates in order of cost: the statement's analytic answer; if the statement has `active_set`, the last
-tick's active bounds and the dual active set method; CasADi's qrqp.
+Candidates are certified in order of their cost: the statement's analytic answer; if the statement has `active_set`, the
+answer for the last tick's active bounds, and that of the dual active set method; CasADi's qrqp.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FUSED_SOLVERS = ("qrqp", "closed form", "active set", "dual active set")
 ANALYTIC_TOLERANCE = 1e-10
 """Largest residual of an accepted analytic answer; equal to the solvers' tolerance."""
 INDEPENDENT = 1e-13
-"""Relative regularisation of the rows from the dual method, which are independent."""
+"""Relative regularisation of rows that the dual method chose; such rows are independent."""
 PASSES = 2
 """Number of correction steps that undo this regularisation."""
 

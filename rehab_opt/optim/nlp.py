@@ -111,7 +111,7 @@ class NLP:
 
     @cached_property
     def rows(self) -> Row:
-        """All rows in one."""
+        """All rows, stacked in one `Row`."""
         empty = Row(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
         return Row(*(ca.vertcat(*parts) for parts in zip(empty, *self.subject_to, strict=True)))
 
@@ -139,10 +139,11 @@ class NLP:
     def certify(self) -> ca.Function:
         """Function: p, claim (n,) and multipliers (n + m,) -> x, cost, residual, violation, report.
 
-        x is the claim clipped into its bounds; this x is certified. The residual is the 2-norm of stationarity grad f +
-        y_x + J'y, of the rows' violation, and of |multiplier| * min(slack, 1) for every bound; y_x and y are the
-        multipliers of bounds and rows. The product suits interior-point answers, whose two factors are near the root of
-        the tolerance at a weakly active bound. A NaN or infinite number makes the residual NaN or infinite.
+        x is the claim clipped into its bounds; this x is certified. The residual is the 2-norm of three vectors
+        together: stationarity grad f + y_x + J'y with the multipliers y_x of bounds and y of rows; violation of the
+        rows; |multiplier| * min(slack, 1) of every bound. The product suits interior-point answers: at a weakly active
+        bound both factors are near the square root of the tolerance. A NaN or infinite number makes the residual NaN or
+        infinite.
         """
         claim, multipliers = ca.SX.sym("claim", self.n), ca.SX.sym("y", self.n + self.m)
         of_bounds, of_rows = self.parted(multipliers)
@@ -183,7 +184,7 @@ def _slackness(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> c
 
 
 PENALTY = 10.0
-"""Weight of the active rows' squares; Hessians and row gradients are of order one."""
+"""Weight of the squared error of active rows, for Hessians and row gradients of order one."""
 FLOOR = 1e-6
 """Smallest pivot, relative to the largest entry."""
 
@@ -211,7 +212,7 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def convexified(hessian: ca.SX) -> ca.SX:
-    """`hessian` plus a diagonal that makes it positive definite; the diagonal is zero if it safely is.
+    """`hessian` plus a diagonal that makes it positive definite; zero if `hessian` is safely positive definite.
 
     The modified Cholesky factorisation of Gill, Murray and Wright (Practical Optimization, 1981, 4.4.2.2) without
     pivoting.

@@ -26,7 +26,7 @@ WIDENING = 1e-8
 
 
 def checked_name(argument: str, name: object) -> str:
-    """`name`; raises `ConfigurationError` if no solver has it."""
+    """The given `name`; raises `ConfigurationError` if no solver has this name."""
     if not (isinstance(name, str) and (name == SQP.name or (name.isidentifier() and ca.has_nlpsol(name)))):
         raise ConfigurationError(argument, name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")
     return name
@@ -131,7 +131,10 @@ class NLPSolver:
 
 
 def _narrowed(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Bounds that become the given ones by fatrop's widening (1e-8, relative above 1); equalities stay."""
+    """Bounds tightened in advance, so that fatrop's own widening (1e-8, relative above 1) gives the intended ones.
+
+    Equalities stay unchanged.
+    """
     with np.errstate(invalid="ignore"):
         room = np.where(upper > lower, np.maximum(upper - lower, 0.0) / 4, 0.0)
     by_lower, by_upper = (np.minimum(WIDENING * np.maximum(1.0, np.abs(bound)), room) for bound in (lower, upper))

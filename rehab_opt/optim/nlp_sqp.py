@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 QP_ITERATIONS = 30
 """Cap on the active-set changes of one QP; an infeasible QP would continue for milliseconds."""
 QP_VIOLATION = 1e-8
-"""A QP with a larger violation of its rows has no solution within the bounds and the radius."""
+"""If the answer to a QP violates a row by more, the QP has no solution within the bounds and the radius."""
 
 
 class SQP:
-    """Full-step SQP from a near start: quadratic convergence, 10-30 us an iteration when compiled.
+    """SQP with full steps, for a start near the solution: quadratic convergence, 10-30 us an iteration when compiled.
 
     There is no line search. An answer that has not converged within the cap fails its certificate: try another start.
     One thread at a time.

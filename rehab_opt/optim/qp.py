@@ -21,18 +21,18 @@ __all__ = ["Form", "Statement"]
 
 
 class Form(NamedTuple):
-    """Structure of a `Statement`, from which its solvers are made. Its numbers are one column without duplicates."""
+    """Structure of a `Statement`, from which its solvers are made. The QP's data are one column without duplicates."""
 
     n: int
     m: int
     active_set: bool
     """See `Statement`."""
     build: ca.Function
-    """Function: valid numbers -> H, g, A, rows_lower, rows_upper, lower, upper, constants included."""
+    """Function: data column -> H, g, A, rows_lower, rows_upper, lower, upper, with all constants filled in."""
     certify: ca.Function
 
     def symbols(self) -> tuple[ca.SX, list[ca.SX]]:
-        """Column of number symbols, and the outputs of `build`."""
+        """Two results: symbols for the data column, and the outputs of `build` for them."""
         numbers = ca.SX.sym("numbers", self.build.numel_in(0))
         return numbers, self.build.call([numbers])
 
@@ -129,7 +129,7 @@ class Statement:
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
     def form(self) -> tuple[Form, ca.Function]:
-        """Structure of the QP, and the function complete parameters, memory -> its numbers."""
+        """Two results: structure of the QP, and a function (complete parameters, memory) -> its data column."""
         full, memory = ca.SX.sym("full", self.build.sparsity_in(0)), ca.SX.sym("memory", self.memory.numel())
         *data, _ = self.build.call([full, memory])
         entries = ca.vertsplit(ca.veccat(*data))
@@ -204,7 +204,7 @@ class Statement:
 
     @cached_property
     def _precomputed(self) -> tuple[ca.SX, ca.Function]:
-        """Column of marked symbols; and the function parameters, memory -> column of their values."""
+        """Two results: the column of marked symbols, and a function (parameters, memory) -> their values."""
         expressions = [
             self.minimise, *self._rows, *self._bounds, *self.requires, self.report, self.remember, self.violation,
             *(each for each in (self.analytic, self.dual) if each is not None),

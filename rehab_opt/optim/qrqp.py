@@ -1,8 +1,9 @@
-"""CasADi's qrqp, with a work space that is large enough.
+"""CasADi's QP solver qrqp, with enough scratch memory.
 
 In casadi 3.6 to 3.8 the dual line search of qrqp (`casadi_qrqp_dual_breakpoints`) can write one entry beyond an integer
-array, which damages the heap. The array is the last in the work space, so `with_spare_room` lengthens the work space.
-In generated C, a failed solve ends every function around it, unless the code passes `going_on_after_failed_solves`.
+array, which damages the heap. The array is the last in the scratch memory, so `with_spare_room` lengthens that memory.
+In generated C, a failed solve ends every function that contains it, unless `going_on_after_failed_solves` edits the
+code.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ __all__ = ["QRQP_ITERATIONS", "going_on_after_failed_solves", "qrqp", "qrqp_opti
 QRQP_ITERATIONS = 50
 """Cap on active-set changes, each of up to 13 us; an answer that is not found by then fails its certificate."""
 FINITE = 1e30
-"""Value of a bound that replaces an impossible one."""
+"""Finite value that replaces an impossible bound."""
 SPARE = 2
-"""Additional integers of work space; qrqp writes one of them."""
+"""Additional integers of scratch memory; qrqp writes one of them."""
 
 
 def qrqp(name: str, n: int, m: int, *, iterations: int = QRQP_ITERATIONS) -> ca.Function:
     """Solver of a dense QP with n variables and m rows that generates C; inputs and outputs as `casadi.conic`.
 
-    The certificate rejects the answer of a failure. CasADi would raise for NaN or crossing bounds, so these are
-    replaced, and the certificate rejects that answer, too.
+    If the solver fails, the certificate rejects its answer. CasADi would raise an error for NaN or crossing bounds, so
+    these are replaced; the certificate rejects the answer to such a QP, too.
     """
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
     solver = ca.conic(name, "qrqp", shape, qrqp_options(iterations))
@@ -53,7 +54,7 @@ def qrqp_options(iterations: int = QRQP_ITERATIONS) -> dict[str, Any]:
 
 
 def with_spare_room(function: ca.Function) -> ca.Function:
-    """The same function with an integer work space longer by at least `SPARE`, for a branch that is never taken."""
+    """The same function with at least `SPARE` more integers of scratch memory, for a branch that is never taken."""
     size = function.sz_iw() + SPARE
     shape = {"h": ca.Sparsity.diag(size), "a": ca.Sparsity(0, size)}
     needy = ca.conic(f"{function.name()}_spare", "qrqp", shape, qrqp_options())

@@ -92,7 +92,7 @@ class QPRecorder:
         *,
         unless: Callable[[], bool] = lambda: False,
     ) -> Callable[[], None]:
-        """`solve` with the current values recorded first, unless `unless()` is true."""
+        """Function that records the current `values()`, unless `unless()` is true, and then calls `solve`."""
 
         def seen_and_solved() -> None:
             if self.open and not unless():

@@ -93,7 +93,7 @@ class BufferedFunction:
 
 
 def mapped(function: ca.Function) -> Callable[[Array], Array]:
-    """Function from inputs (M, n) to copied first outputs (M, k) of a function of one column."""
+    """Evaluate a function of one column at M inputs (M, n); the result is a copy of its first outputs (M, k)."""
     at = functools.cache(lambda count: BufferedFunction(function.map(count)).of)
     return lambda columns: at(len(columns))(columns.T.squeeze()).reshape(-1, len(columns)).T
 

@@ -63,7 +63,7 @@ COMPILE_SECONDS, IDLE_SECONDS = 300.0, 1800.0
 """Timeouts of a compiler, at normal and at idle priority."""
 WORKPLACE = "building-"
 DIGEST = hashlib.sha256().digest_size
-"""Length in bytes of the library's digest, with which a table of constants begins."""
+"""[bytes] Length of the library's digest; a table of constants begins with this digest."""
 EARLY_RETURN = re.compile(
     r"if \(d\.status == QP_SUCCESS\) \{;?\s*return 0;"
     r"\s*\} else if \(d\.status == QP_NO_SEARCH_DIR\) \{\s*return [^;]+;"
@@ -81,7 +81,7 @@ _waiting: list[Callable[[str], AbstractContextManager[object]]] = []
 
 @contextmanager
 def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> Iterator[None]:
-    """Context in which each wait for a compiler runs within `around(function name)`, for the command line."""
+    """Context in which each wait for a compiler runs within `around(function name)`; the command line reports it."""
     _waiting.append(around)
     try:
         yield
@@ -90,10 +90,10 @@ def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> 
 
 
 def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
-    """`function` as machine code, waiting for a compiler; unchanged if there is none.
+    """`function` as machine code, after a wait for the compiler; unchanged if there is no compiler.
 
-    Name, shapes and, to rounding, results stay the same. The function must support code generation. `compile` False
-    keeps the virtual machine; `REHAB_OPT_COMPILE=0` does so for any value.
+    Name, shapes and, to rounding, results stay the same. The function must support code generation. With `compile`
+    False the virtual machine evaluates the function; with `REHAB_OPT_COMPILE=0` it does so for any `compile`.
     """
     code = None if how(compile) == "no" else _code_of(function)
     return function if code is None else _attempt(code, hurry=True) or function
@@ -182,7 +182,7 @@ def _code_of(function: ca.Function) -> _Code | None:
 
 
 def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
-    """The function from the cache, or built with `build`; None if it is missing or building failed."""
+    """The function from the cache; if it is missing and `build` is true, compiled now. None if there is no code."""
     try:
         folder, source = _folder(), ""
         own_name = _name(code.function, code.digest(code.source))
@@ -216,7 +216,7 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
 
 
 def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.Function:
-    """The function with these constants, from its own copy of the library, since a copy has one table."""
+    """The function with these constants, loaded from its own copy of the library, which has one table of constants."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)
@@ -261,7 +261,7 @@ def _folder() -> Path:
 
 @functools.cache
 def _instead_of(folder: Path, problem: str) -> Path:
-    """Private folder instead of a cache folder with a problem, which is logged once."""
+    """Private folder that replaces an unsafe cache folder; the `problem` is logged once."""
     private = _private_folder()
     _log.warning(
         "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "
@@ -368,7 +368,7 @@ def going_on_after_failed_solves(code: str) -> str:
 
 
 def table_size(count: int) -> int:
-    """Number of rows to compile for: at least `count`, and above it by at most an eighth or three."""
+    """Number of rows to compile for: at least `count`, and at most an eighth or three rows more."""
     step = table_step(count)
     return -(-count // step) * step
 

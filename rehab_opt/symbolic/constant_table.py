@@ -1,8 +1,8 @@
 """Move the constants of CasADi's C code to a table: one library serves all functions that differ only in numbers.
 
-CasADi writes limits, lengths, gains and time steps as literals, and equal ones share a variable, so the text depends on
-them. Here each use of a constant reads its own table entry. Two controllers of one structure then have the same text,
-unless a number changes the operation that CasADi writes; 0, 1 and 2 do.
+CasADi writes limits, lengths, gains and time steps as literals, and equal literals share a variable, so the C text
+depends on their values. Here each use of a constant reads its own table entry. Two controllers of one structure then
+have the same text, unless a constant is 0, 1 or 2, for which CasADi writes another operation.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ CASADI_SYMBOL_EXPORT const casadi_int* {SETTER}_sparsity_in(casadi_int i) {{ ret
 
 
 def with_table(code: str) -> tuple[str, bytes]:
-    """C code that reads its constants from a table; and the table as doubles of this machine.
+    """Two results: C code that reads its constants from a table, and the table as doubles of this machine.
 
-    `code` comes from `casadi.CodeGenerator` with `verbose` false; the code of its solvers stays as it is.
+    `code` comes from `casadi.CodeGenerator` with `verbose` false. Solvers in the code keep their own constants.
     """
     lines: list[str] = []
     now: dict[str, str] = {}
@@ -83,5 +83,5 @@ def with_table(code: str) -> tuple[str, bytes]:
 
 
 def shape_of(code: str) -> str:
-    """Code without the sizes of work spaces, which depend on the number of constants."""
+    """Code without the sizes of scratch memory, which depend on the number of constants."""
     return WORKSPACE.sub("", code)

@@ -36,7 +36,7 @@ class Record:
         self.size = at
 
     def __getitem__(self, name: str) -> int:
-        """Index of the first number of that name."""
+        """Index in the column at which the part `name` begins."""
         return int(self.places[name].start)
 
     def symbols(self, name: str) -> Values:

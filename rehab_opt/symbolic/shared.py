@@ -74,7 +74,7 @@ class HasEvaluator:
 
 
 def remembered(form: Hashable, make: Callable[[], T]) -> T:
-    """`make()`, cached by `form`, which must contain everything that the result depends on.
+    """Result of `make()`, cached by `form`, which must contain everything that the result depends on.
 
     Threads may share the result, since CasADi's wheels count references atomically. With other builds of CasADi, and
     with the form None, nothing is cached.
@@ -89,7 +89,7 @@ def remembered(form: Hashable, make: Callable[[], T]) -> T:
 
 
 def form_of_parts(*parts: object) -> bytes | None:
-    """Form of all parts; None if one is a user's code, which may change under the same name."""
+    """Digest of all parts as a form for `remembered`; None if a part is a user's code, which may change unnoticed."""
     written = io.BytesIO()
     try:
         _Parts(written).dump(parts)

@@ -88,9 +88,9 @@ class Stages:
     def precomputed(
         self, inputs: Sequence[ca.SX], expressions: Iterable[ca.SX], *, later: ca.SX
     ) -> tuple[ca.SX, ca.Function]:
-        """Marked symbols that the expressions use and that do not depend on `later`; and a function for them.
+        """Two results: a column of marked symbols, and a function from `inputs` to their values.
 
-        The function maps `inputs` to one column of their values.
+        The symbols are those that the expressions use and that do not depend on `later`.
         """
         late, asked = _hashes(later), _hashes(*expressions)
         for stage in self._stages:
@@ -212,7 +212,7 @@ def _function(
 
 
 def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
-    """Column of the marked symbols in `asked` that are no input; and a function from inputs to its value.
+    """Two results: column of the marked symbols in `asked` that are no input; function from inputs to its value.
 
     The function alternates between one part without branches and the branches that depend on its outputs.
     """
@@ -248,7 +248,10 @@ def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set
 def _needed(
     stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]
 ) -> tuple[list[_Once | _Call], list[int]]:
-    """Stages needed for `asked` beyond the inputs; number of branches up to and including each."""
+    """Two lists: the stages needed for `asked` beyond the inputs, and the level of each.
+
+    The level is the largest number of calls that depend on one another, up to and including the stage.
+    """
     there = _hashes(*inputs)
     missing = asked - there
     needed: list[_Once | _Call] = []

@@ -121,7 +121,7 @@ def exported_assistance(
 
 
 def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: str) -> Evaluated:
-    """The desired force of a helper, whose struct has `MEMORY`, for all its fields.
+    """C function for the desired force of a helper with any of its fields; the C struct must have the member `MEMORY`.
 
     Raises
     ------

@@ -141,7 +141,7 @@ def _exported(
     says: tuple[Sequence[str], Sequence[str]],
     means: Mapping[str, str],
 ) -> ExportedForce:
-    """Common part of both sides; `says` are the fields of sent and received messages, `means` their C code."""
+    """Export of either side; `says` are the fields of sent and received messages, `means` the C code for them."""
     own, received = says
     names = {
         "own": name.removesuffix("_side"),

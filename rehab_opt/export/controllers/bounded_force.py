@@ -59,11 +59,11 @@ class ExportedForce(ExportedController):
 
     @property
     def dt(self) -> float:
-        """[s] of a tick."""
+        """[s] Length of a tick."""
         return self.force.dt
 
     def limits(self) -> list[str]:
-        """Lines on the bounds of force, speed and energy."""
+        """Text lines with the bounds of force, speed and energy."""
         return [f"{name} {self.force.model[MODEL[name]]:.9g} {unit}" for name, unit in UNITS.items()]
 
     @property

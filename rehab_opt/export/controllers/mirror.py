@@ -49,7 +49,7 @@ NAME = "mirror_tracker"
 MEMORY = 96_000
 """[bytes] Default size of the C struct."""
 LEAST = 16
-"""Least number of samples in the buffer of reference samples."""
+"""Smallest size of the buffer of reference samples, in samples."""
 CALL = (
     f"rehab_{NAME}_step(&controller, tick->q, tick->pose, tick->twist,{{moving}} "
     "tick->with_force ? tick->force : NULL, tick->enable, tick->stamp, out);"
@@ -169,7 +169,7 @@ def exported_mirror(
     poses, twists : (N, 4, 4), (N, 6) reference of each tick; as many ticks as fit into a recorded run are used.
     bodies : (N, k, 14) moving capsules from `moving_numbers`, for a tracker with such bodies.
     title, source : short description of the tracker, and of the origin of the poses.
-    memory : [bytes] largest size of the C struct; the buffer of reference samples fills the part that is left.
+    memory : [bytes] largest size of the C struct; the buffer of reference samples takes the memory that remains.
 
     Raises
     ------
@@ -250,7 +250,7 @@ PERSON_MEMBERS = (
 
 
 def _besides(tracker: MirrorTracker) -> int:
-    """Number of samples in the buffer besides the waiting ones: two of a bridge, and two windows."""
+    """Number of samples in the buffer besides the waiting ones: two for a bridge, and two windows of the clock."""
     return 2 + 2 * tracker.pace.window
 
 
@@ -330,7 +330,7 @@ def _force(k: int, pushed: range, strong: float) -> Array:
 
 
 def _faults(tracker: MirrorTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """Further faults of a tick, and unusual but valid inputs."""
+    """Functions that put further faults, and unusual but valid inputs, into a tick."""
     chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
 
     def jumped(tick: RunTick) -> RunTick:

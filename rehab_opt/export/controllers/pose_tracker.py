@@ -136,7 +136,7 @@ def moving_argument(limits: PostureLimits, owner: str = "") -> str:
 
 
 def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
-    """Template values for moving capsules; `where` is the C expression of their place among the parameters."""
+    """Template values for moving capsules; `where` is the C expression for their address in the parameters."""
     told = limits.moving_size
     return {
         "moving_argument": " const double *obstacles," if told else "",

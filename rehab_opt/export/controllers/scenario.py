@@ -54,10 +54,10 @@ class Listening(ForceLaw):
 
 
 class Overheard(Bilateral):
-    """A pair that records each side's hand and received message of each tick."""
+    """A pair that records, in each tick, the position of each hand and the message that each side receives."""
 
     def reset(self) -> None:
-        """Reset both sides; no force or message stays under way."""
+        """Reset both sides; no force or message remains in transit."""
         super().reset()
         self.hands: list[tuple[ArrayLike, ArrayLike]] = []
         self.received: list[tuple[FromParticipant | None, FromHelper | None]] = []
