@@ -1,4 +1,4 @@
-"""Inverse kinematics of a limb within its joint limits: find the posture of least cost with the hand at a target."""
+"""Inverse kinematics of a limb with joint limits: find the posture of least cost that puts the hand at a target."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ class IKSolution(NamedTuple):
     q: Array
     """(n,) [rad] finite, inside the joint limits."""
     status: Status
-    """OK, BACKUP, UNREACHABLE (q is the nearest or most upright posture) or HOLDING (the target is not finite)."""
+    """OK, BACKUP, UNREACHABLE (q is the nearest or the most upright posture) or HOLDING (no answer: the target is not
+    finite, or every solver failed).
+    """
     position_error: float
     """[m] distance from the hand to the target; infinite if the target is not finite."""
     handle_tilt: float
@@ -41,13 +43,13 @@ class IKSolution(NamedTuple):
     residual: float
     """Certificate residual of the problem that gave q; infinite without a certificate."""
     solver: str
-    """Name of the solver; empty for a safe answer."""
+    """Name of the solver; empty if no solver gave q."""
     iterations: int
     """Iterations of the run that found q; -1 if the solver reports none."""
     reason: str
-    """Reason for another status than OK; empty otherwise."""
+    """Reason if the status is not OK; empty otherwise."""
     cost: float
-    """Posture cost of q without terms that have no reference posture yet."""
+    """Posture cost of q; a term whose reference posture does not exist yet is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ class IKPath:
 
     @property
     def reached(self) -> float:
-        """Fraction of the samples with the hand in place."""
+        """Fraction of the samples whose posture puts the hand at its target."""
         return float(np.mean([each.certified for each in self.status])) if self.status else 0.0
 
 
@@ -103,7 +105,7 @@ JUMP = 0.3
 class _Question(NamedTuple):
     target: Array
     goal: Array
-    """`target`, moved closer for the search if it is very far away."""
+    """(3,) [m] `target` for the search; one that is very far away is moved closer."""
     quadratic: Quadratic
     start: Array | None
 
@@ -121,12 +123,13 @@ class ArmIK(OneThread):
     ----------
     arm : any chain; the handle is the x axis of its last frame. Locked joints do not move.
     handle_tilt : [rad] largest angle between handle and +z0, from 0 to pi; None for no limit. Below 1e-5 the handle is
-        aligned exactly, which leaves the restricted workspace empty.
+        aligned exactly, so a workspace that is restricted to upright handles is empty.
     posture_cost : weights of `PostureCost`.
     rest : (n,) [rad] rest posture; None for the arm's own.
     solver, backup : "sqp" (ours, compiled), "sqpmethod", "ipopt", "fatrop".
     tolerance : largest certificate residual.
-    starts, nearest_starts : number of start postures of a search without `start`, and of that for the nearest posture.
+    starts, nearest_starts : number of start postures if `solve` gets no `start`, and number of start postures of the
+        search for the posture nearest to the target.
     table_size : number of postures from which the start postures are picked.
     compile : see `BufferedFunction`.
     """
@@ -180,7 +183,8 @@ class ArmIK(OneThread):
     def solve(self, position: ArrayLike, start: ArrayLike | None = None) -> IKSolution:
         """Find a posture for a hand position (3,) [m] in the base frame; a wrong shape raises `ConfigurationError`.
 
-        `start` (n,) [rad] starts a local search and is the previous posture of the cost; None tries several starts.
+        The search is local and begins at the posture `start` (n,) [rad], which is also the previous posture in the
+        cost. Without `start`, the search tries several start postures.
         """
         target = _numbers("position", position, (3,))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
@@ -188,9 +192,10 @@ class ArmIK(OneThread):
             return self._answer(target, History(previous=q, origin=q))[0]
 
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> IKPath:
-        """Find postures along hand positions `path` (N, 3) [m] in the base frame, each from the previous posture.
+        """Find postures along hand positions `path` (N, 3) [m] in the base frame.
 
-        `start` (n,) [rad] is the posture before the first sample; None tries several starts.
+        Each search begins at the previous posture. `start` (n,) [rad] is the posture before the first sample; without
+        it, the first search tries several start postures.
         """
         targets = _numbers("path", path, (-1, 3))
         q = None if start is None else self._inside(_numbers("start", start, (self.arm.n,)))
@@ -262,7 +267,7 @@ class ArmIK(OneThread):
         if answer is not None and answer.certified:
             return self._found(answer, query), answer.multipliers
         answer = search.posture_from(nearest.x, backup=True)
-        if not answer.certified and np.isfinite(answer.residual):  # fatrop ends an order of magnitude short of 1e-9
+        if not answer.certified and np.isfinite(answer.residual):  # fatrop's residual ends at about 1e-8
             answer = search.posture_from(answer.x, answer.multipliers)
         if answer.certified:
             reason = "no certified answer from the primary solver"

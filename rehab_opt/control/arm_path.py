@@ -1,7 +1,7 @@
 """Plan postures of a person's arm along a whole recorded path of hand poses.
 
-Many tracks of postures follow the path from different starts, and dynamic programming finds the best sequence. To
-change its posture, the arm moves straight through joint space while the recording waits.
+Many tracks of postures follow the path from different starts. Dynamic programming then picks one track for each section
+of the path. To change from track to track, the arm moves straight through joint space while the recording waits.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TRACKS, ENOUGH = (4, 100), 0.98
 FOUND, ROUNDS, STRIDE = 40, 5, 0.3
 """Solver steps to the first knot, solver steps to each further knot, and largest step [rad]."""
 CHANGE = 0.5
-"""[knots/rad] Cost of a change of posture."""
+"""[knots/rad] Cost of a change of posture per radian; a reached knot gains 1."""
 JUMP = 0.4
 """[rad] Joint difference between knots above which the posture counts as changed."""
 SPEED = 1.0
@@ -36,7 +36,7 @@ SPEED = 1.0
 STEP = 0.03
 """[rad] Joint difference between samples above which the recording waits for the change of posture."""
 NEAR, TURNED, TURN_LENGTH = 1e-3, math.radians(1.0), 0.1
-"""[m, rad] Tolerances of a reached pose, and [m/rad] weight of a rotation relative to a position."""
+"""[m, rad] Errors up to which a pose counts as reached, and [m/rad] weight of a rotation relative to a position."""
 DAMPING, PULL = 1e-5, 1e-5
 """[m^2] Damping of a step, and [per rad^2] weight of the deviation from the straight line between knots."""
 
@@ -49,13 +49,15 @@ class ArmPath(NamedTuple):
     poses: Array
     """(N, 4, 4) poses of the tool in the hand."""
     twists: Array
-    """(N, 6) [m/s, rad/s] mean over the previous tick; the first is zero."""
+    """(N, 6) [m/s, rad/s] mean twists over the previous tick; the first is zero."""
     reference_index: NDArray[np.int_]
-    """(N,) sample of the reference; constant while the posture changes."""
+    """(N,) index of the recorded tool pose; constant while the posture changes."""
 
 
 def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:
-    """Postures of `arm` along tool poses (N, 4, 4), `dt` [s] apart; it holds the tool with `grip` (4, 4)."""
+    """Plan postures of `arm` along tool poses (N, 4, 4), `dt` [s] apart, with the tool at the pose `grip` (4, 4) in the
+    hand.
+    """
     moves = Postures(replace(arm, tool=arm.tool @ grip))
     knots = np.unique(np.linspace(0, len(tools) - 1, KNOTS).astype(int))
     best = np.zeros((len(knots), arm.n))
@@ -87,7 +89,7 @@ def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: in
 
 
 class Postures:
-    """Kinematics and least squares of one arm for M postures at once."""
+    """Kinematics of one arm, and least-squares fits of its postures to poses, for M postures at once."""
 
     def __init__(self, chain: SerialChain) -> None:
         self.chain, q = chain, ca.SX.sym("q", chain.n)
@@ -103,7 +105,10 @@ class Postures:
         )
 
     def nearest(self, q: Array, poses: Array, *, rounds: int, pull: float = 0.0) -> tuple[Array, Array]:
-        """Postures (M, m) nearest to the poses (M, 4, 4), searched from q, and their errors over the tolerance."""
+        """Fit postures to the poses (M, 4, 4), starting at q (M, m).
+
+        Return the postures (M, m) and their pose errors (M,) as multiples of the tolerance.
+        """
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         about, damping = q, np.full(len(q), DAMPING)
         q = np.clip(q, lower, upper)
@@ -130,7 +135,10 @@ class Postures:
         return q, missing.max(axis=1)
 
     def tracks(self, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Postures (K, count, m) along K poses from random starts, and their errors (K, count)."""
+        """Follow K poses from `count` random starts.
+
+        Return the postures (K, count, m) and their pose errors (K, count) as multiples of the tolerance.
+        """
         lower, upper, n = self.chain.lower, self.chain.upper, self.chain.n
         found, missing = np.empty((len(poses), count, n)), np.empty((len(poses), count))
         q = rng.uniform(lower, upper, (count, n))

@@ -1,4 +1,4 @@
-"""Assistance: the field's force, bounded so that it is safe for a person."""
+"""Assistance: force of a potential field, bounded so that it is safe for a person."""
 
 from __future__ import annotations
 
@@ -32,11 +32,13 @@ class Assistance(BoundedForce):
     Parameters
     ----------
     field : potential of the desired force; `set_field` replaces it.
-    comfortable : workspace of the gate; not empty.
+    comfortable : workspace, not empty, whose boundary gates the force.
     mode : "stretch", "assist", "resist", "follow" or "hold", see `gated_force`.
     force_limit : [N] largest size of the force.
-    onset : [m] distance outside the boundary over which the force of a therapy mode grows; zero gives Eq. 23.
-    return_stiffness, return_force : [N/m, N] of the pull back into the workspace in the modes "follow" and "hold".
+    onset : [m] distance outside the boundary over which the force of a therapy mode grows; zero gives Eq. 23 of Rossa
+        et al.
+    return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back into the workspace, in the modes
+        "follow" and "hold".
     bounds : all other arguments of `BoundedForce`.
     """
 
@@ -84,7 +86,7 @@ class Assistance(BoundedForce):
         self._by[0] = self._by[1] = 0.0
 
     def _gated(self, field: PotentialField) -> tuple[DesiredForce, memoryview[float]]:
-        """Desired force of a field, and a view of the field's offset [m]."""
+        """Two results: the desired force of a field, as a function, and a memory view of the field's offset [m]."""
         samples, in_blocks = arranged_samples(field.samples, compile=self._compile)
         statement = gated_force(len(self._edges), samples.shape[int(in_blocks)], in_blocks=in_blocks)
         function = BufferedFunction(statement, compile=self._compile)
@@ -106,7 +108,7 @@ class Assistance(BoundedForce):
     def notes(self) -> tuple[str, ...]:
         """Warnings if field, bounds and delay do not fit together, with better values; see `settling_notes`."""
         field = self.field
-        drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # a learnt one has it in its samples
+        drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # NaN if learnt: then in the samples
         stiffness = max(float(field.samples.stiffness.max()), drag)
         bounds = {"force_limit": self.force_limit, "slew_limit": self.slew_limit}
         dampings = dict.fromkeys((float(field.damping.min()), float(field.damping.max())))

@@ -1,4 +1,4 @@
-"""QP of one assistance tick: the desired force within two discs, one of the force limit and one of the slew limit."""
+"""QP of one assistance tick: the force nearest to the desired one within two discs, of force limit and slew limit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rehab_opt.optim.rows import parameter, variable, within
 __all__ = ["EXACT", "TINY", "assistance_statement"]
 
 EXACT = 1 - 1e-12
-"""Target of shrinking, as a fraction of a bound, so that rounding does not violate the bound."""
+"""Fraction of a bound to which a force is shortened, so that rounding does not violate the bound."""
 TINY = 1e-12
 """[N] Largest force that counts as zero."""
 
@@ -21,9 +21,9 @@ TINY = 1e-12
 def assistance_statement() -> Statement:
     """Min |F - F_desired|^2  s.t.  |F| <= ceiling, |F - F_last| <= step.
 
-    The parameters, all in N, are the desired force (2,), which is within the ceiling, the ceiling, the step and the
-    force limit. The memory is the last force. The rows are tangents of both discs at the closed-form answer, so the
-    multipliers certify the answer for the discs.
+    The parameters, all in N, are the desired force (2,), the ceiling, the step and the force limit. The size of the
+    desired force is at most the ceiling. The memory is the last force. The rows are tangents of both discs at the
+    closed-form answer, so the multipliers certify the answer for the discs.
     """
     desired, last = parameter("desired", 2), parameter("last", 2)
     ceiling, step, force_limit = (parameter(name, 1) for name in ("ceiling", "step", "force_limit"))

@@ -37,7 +37,7 @@ def axis_bounds(
     jerk: ArrayLike,
     axes: int | None = None,
 ) -> AxisBounds:
-    """Check the bounds; a scalar applies to all axes, None means no bound."""
+    """Check the bounds of all axes; a scalar applies to every axis, and None means no bound."""
     given = {
         "lower": -math.inf if lower is None else lower,
         "upper": math.inf if upper is None else upper,
@@ -85,20 +85,20 @@ class Piece(NamedTuple):
 
 
 def position_range(pieces: Sequence[Piece]) -> tuple[float, float]:
-    """Smallest and largest position [u] of a motion, at ends of pieces or at reversals."""
+    """Smallest and largest position [u] of a motion; they occur at ends of pieces or where the velocity reverses."""
     positions = [piece.after(t)[0] for piece in pieces for t in (0.0, *piece.turns(), piece.seconds)]
     return min(positions), max(positions)
 
 
 def stopping_distance(speed: float, acceleration: float, jerk: float) -> float:
-    """Signed stopping distance [u] of an axis at constant `speed` [u/s]."""
+    """Signed stopping distance [u] of an axis that moves at a constant `speed` [u/s]."""
     v = abs(speed)
     seconds = v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2.0 * math.sqrt(v / jerk)
     return 0.5 * speed * seconds
 
 
 def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
-    """Smallest and largest position [u] of one axis of a Ruckig profile, including reversals."""
+    """Smallest and largest position [u] of one axis during a Ruckig profile, including positions at reversals."""
     v = profile.v
     if v[1] * v[2] >= 0.0 and v[5] * v[6] >= 0.0 and profile.brake.duration == 0.0:
         return extent.min, extent.max
@@ -111,7 +111,7 @@ def planned_range(profile: Any, extent: Any) -> tuple[float, float]:
 class AxisStop:
     """Time-optimal stop of one axis: the acceleration ramps to its bound, stays there, and ramps to zero.
 
-    `most` and `jerk` are the bounds of acceleration and jerk [u/s^2, u/s^3].
+    The arguments `most` and `jerk` are the bounds of acceleration [u/s^2] and jerk [u/s^3].
     """
 
     __slots__ = ("_pieces", "highest", "lowest", "seconds")

@@ -28,7 +28,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NO_TURN = 1e-300
-"""[rad] Replaces an angle of zero in a quotient."""
+"""[rad] Lower bound of an angle in a denominator, so that 0/0 does not occur."""
 
 _numbers = Evaluator()
 
@@ -39,7 +39,7 @@ def turn_between(a: Array, b: Array) -> Array:
 
 
 def turned(rotation: Array, vector: Array) -> Array:
-    """`rotation` (3, 3) rotated by a rotation vector in the base frame, after Rodrigues."""
+    """Rotation matrix `rotation` (3, 3), rotated further by the rotation vector `vector` [rad] in the base frame."""
     return _numbers.of(_turned, rotation, vector)
 
 
@@ -59,12 +59,12 @@ def moving_tool_function(chain: SerialChain) -> ca.Function:
 
 # -------------------------------------------------------------------------------------------------- expressions
 def distance_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Distance [m] between the origins of two poses, columns of at least 12 entries."""
+    """Distance [m] between the origins of two poses, which are columns of at least 12 entries."""
     return ca.norm_2(a[[3, 7, 11]] - b[[3, 7, 11]])
 
 
 def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Angle [rad] between two poses, columns of at least 12 entries, to 1e-7."""
+    """Angle [rad], accurate to 1e-7, between two poses, which are columns of at least 12 entries."""
     trace = ca.SX(0)
     for i in (0, 1, 2, 4, 5, 6, 8, 9, 10):
         trace += a[i] * b[i]
@@ -72,13 +72,15 @@ def angle_of(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
-    """Rotation (9,), row by row, at a `fraction` of the way from pose a (12,) to pose b (12,)."""
+    """Rotation matrix (9,), row by row, after a `fraction` of the rotation from pose a (12,) to pose b (12,)."""
     one, other = (_by_rows(pose)[:3, :3] for pose in (a, b))
     return ca.vec(_turned(one, fraction * _turn(one, other)).T)
 
 
 def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:
-    """Duration [s] and constant twist (6,) from pose a (12,) to pose b (12,) within the two speeds."""
+    """Move from pose a (12,) to pose b (12,): duration [s], at least `least`, and constant twist (6,) within the two
+    speed limits.
+    """
     one, other = _by_rows(a), _by_rows(b)
     shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
     seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)

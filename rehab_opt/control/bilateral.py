@@ -1,12 +1,12 @@
-"""A helper and a participant share one task, each in their own workspace: sections V and VII-C, Rossa et al.
+"""A helper and a participant share one task, each in their own workspace (Rossa et al., sections V and VII-C).
 
 A map g takes the helper's hand position x_h to the participant's workspace, and a spring pulls the participant's hand
 to g(x_h). The participant's force F returns to the helper as J(x_h)' F with the map's Jacobian J, so the power is the
 same on both sides.
 
 Each side has its own force bounds and energy tank. The sides exchange messages, which may be delayed or lost. Every
-message transfers a fraction of the sender's tank, so in sum the forces deliver at most the tanks' initial energy plus
-the work of the hands. A duplicate, or a message older than the last one, is ignored.
+message transfers a fraction of the energy in the sender's tank. In total, the forces deliver at most the initial energy
+of both tanks plus the work of the hands. A duplicate message, or one older than the last message, is ignored.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Bilateral(OneThread):
     Parameters
     ----------
     helper, participant : the sides, with equal `dt`.
-    delay : [s] one way; the attribute `delay` is this value rounded to whole ticks.
+    delay : [s] delay of a message in one direction; the attribute `delay` is this value rounded to whole ticks.
     """
 
     def __init__(self, helper: HelperSide, participant: ParticipantSide, *, delay: float = 0.0) -> None:
@@ -58,7 +58,7 @@ class Bilateral(OneThread):
         self.reset()
 
     def reset(self) -> None:
-        """Reset both sides and discard the messages under way."""
+        """Reset both sides and discard the messages in transit."""
         self._claim()
         self.helper.reset()
         self.participant.reset()

@@ -1,4 +1,4 @@
-"""One side of a shared task of helper and participant: its bounded force and its messages to the other side."""
+"""The helper's and the participant's side of a shared task: bounded forces, and messages between the sides."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["FromHelper", "FromParticipant", "HelperSide", "ParticipantSide"]
 Array = NDArray[np.float64]
 NO_FORCE = (math.nan, math.nan)
 POINT = 0.01
-"""[m] Width of the one-point field where that field has no effect."""
+"""[m] Width of a potential field with a single point; its value has no effect."""
 
 
 class FromHelper(NamedTuple):
@@ -63,7 +63,7 @@ class _Messages:
         self._hear, self._say = (BufferedFunction(part(force.slots)) for part in (hear, say))
 
     def hear(self, *message: float) -> Array:
-        """Process a message (energy, serial, two numbers) and return the two numbers, see `force_tick.hear`."""
+        """Process a message (energy, serial number, two values) and return its two values, see `force_tick.hear`."""
         force = self._force
         if force._owner != get_ident():
             force._refuse_others()
@@ -85,7 +85,7 @@ class ParticipantSide(OneThread):
 
     Parameters
     ----------
-    workspace_map : from the helper's workspace to the participant's.
+    workspace_map : map from the helper's workspace to the participant's.
     comfortable : workspace of the participant; outside it a bounded force pulls the hand back, see `Assistance`.
     stiffness, damping : [N/m], [N s/m] of the spring.
     exchange : [1/s] fraction of the tank's free energy that is sent per second.
@@ -133,7 +133,10 @@ class ParticipantSide(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> tuple[Command, FromParticipant]:
-        """Force on the participant's hand at x (2,) [m], zero without a new message, and the message to the helper."""
+        """Compute the force on the participant's hand at x (2,) [m], and the message to the helper.
+
+        Without a new message the force is released.
+        """
         if self._owner != get_ident():
             self._claim()
         target: tuple[float, ...] = NO_FORCE
@@ -147,13 +150,14 @@ class ParticipantSide(OneThread):
 
 
 class HelperSide(OneThread):
-    """Render the participant's force to the helper, by the map's transposed Jacobian, inside the map's source
-    workspace.
+    """Render the participant's force to the helper by the transposed Jacobian of the workspace map.
+
+    Outside the map's source workspace a bounded force pulls the helper's hand back.
 
     Parameters
     ----------
     workspace_map, exchange, force_limit, bounds : as in `ParticipantSide`.
-    damping : [N s/m] of the helper's hand.
+    damping : [N s/m] damping of the helper's hand.
     return_stiffness, return_force : [N/m, N] stiffness and limit of the pull back into the map's source workspace.
     """
 
@@ -194,7 +198,9 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """Last received hand (2,) [m] of the participant in the helper's workspace, by a Newton solve; NaN if none."""
+        """Last received hand position (2,) [m] of the participant, mapped to the helper's workspace by Newton's method;
+        NaN before the first message.
+        """
         return self.workspace_map.preimage(_floats(*self._partner))
 
     def step(
@@ -206,7 +212,10 @@ class HelperSide(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> tuple[Command, FromHelper]:
-        """Force on the helper's hand at x (2,) [m], zero without a new message, and the message to the participant."""
+        """Compute the force on the helper's hand at x (2,) [m], and the message to the participant.
+
+        Without a new message the force is released.
+        """
         if self._owner != get_ident():
             self._claim()
         self._felt[:] = math.nan

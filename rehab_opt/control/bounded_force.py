@@ -74,30 +74,32 @@ class BoundedForce(OneThread):
 
     The force limit always holds exactly. The slew limit holds except in a release flagged `Relaxed.SLEW`: the hand is
     faster than `speed_cap`, or the energy is too small for a slower release. The delivered energy stays within the
-    budget if the hand stays below the speed cap and ticks come within `max_age`. A hand that jumps faster than the
-    speed cap can once draw the force limit times the jump's length.
+    budget if the hand stays below the speed cap and ticks come within `max_age`. If the hand jumps faster than the
+    speed cap, it can once draw more energy: at most the force limit times the length of the jump.
 
     The force falls to zero within the slew limit after a solver failure, an invalid sensor value, a stale stamp or a
-    released `enable`. Sensor errors smaller than a possible motion in a tick, and late ticks without stamps, are not
-    detected.
+    released `enable`. Two faults are not detected: a sensor error smaller than a possible motion in a tick, and a late
+    tick without a stamp.
 
     Parameters
     ----------
-    desired_force : function of x, y [m] and velocity [m/s] -> desired force [N], unbounded and possibly NaN.
+    desired_force : function from position x, y [m] and velocity [m/s] to the desired force [N], which may be of any
+        size or NaN.
     force_limit : [N] largest size of the force.
-    slew_limit : [N/s] largest change per nominal tick, as the length of a vector. For the least value that damps
-        oscillations see `rehab_opt.field.settling`.
-    growth_limit : [N/s] largest growth of the force above its recent maximum, which falls by force_limit / 2 per
+    slew_limit : [N/s] largest rate of change of the force vector, at nominal ticks. `rehab_opt.field.settling` gives
+        the least value that damps oscillations.
+    growth_limit : [N/s] largest growth of the force above its recent maximum. This maximum falls by force_limit / 2 per
         second.
     energy_budget : [J] net energy that may be delivered to the hand until `reset`; see `EnergyTank`.
     speed_cap : [m/s] hand speed above which the force is released.
     actuation_delay : [s] sum of the delays from a command to its force and from a position to `step`.
     actuation_lag : [s] time constant at which the acting force follows the command.
-    actuation_uncertainty : [s] by which delay and lag may each be larger. The energy count considers all forces of the
-        last delay + 5 lag.
-    position_noise : [m] standard deviation of each coordinate; positions may jump by six of these. By default it is
-        learnt within 0.2 s, up to 1.2 mm. A noisy velocity makes the energy count wrong: pass a filtered one.
-    velocity_lag : [s] lag of the velocity that is estimated if none is passed; half a tick is added.
+    actuation_uncertainty : [s] amount by which the true delay and the true lag may each be larger. The energy count
+        considers all forces of the last delay + 5 lag.
+    position_noise : [m] standard deviation of each coordinate; a position may jump by six standard deviations. By
+        default the noise is learnt within 0.2 s, up to 1.2 mm. A noisy velocity makes the energy count wrong: pass a
+        filtered one.
+    velocity_lag : [s] lag of the estimated velocity, which is used if none is passed; half a tick is added.
     trust_stillness : accept exactly repeated positions. By default they count as a possibly frozen sensor, which
         reserves energy.
     dt : [s] nominal tick. solver, backup, tolerance, compile : see `FallbackChain`. max_age : [s] see `Watchdog`.
@@ -213,9 +215,9 @@ class BoundedForce(OneThread):
         return assistance_statement()
 
     def reset(self, *, energy: bool = True, force: ArrayLike = (0.0, 0.0)) -> None:
-        """Reset the state, with `force` (2,) [N] acting on the hand; by default refill the tank (`energy`).
+        """Reset the state while `force` (2,) [N] acts on the hand; `energy` says whether to refill the tank.
 
-        The force is released if the energy does not allow it; above its limit it raises `ConfigurationError`.
+        A force above its limit raises `ConfigurationError`. A force that the energy does not allow is released.
         """
         acting = _pair("force", force)
         if not math.hypot(*acting) <= self.force_limit:
@@ -230,7 +232,7 @@ class BoundedForce(OneThread):
         self._give_away()
 
     def nothing_seen(self, force: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """`watched_record` before the first sample: a full tank, and `force` [N] acts."""
+        """`watched_record` before the first sample: the tank is full, and `force` [N] acts."""
         impulse = np.zeros(self.slots)
         impulse[0] = math.hypot(*force) * self.model[MODEL["window"]]
         told: dict[str, ArrayLike] = {"level": self.energy_budget, "x": force[0], "y": force[1], "impulse": impulse}
@@ -262,7 +264,7 @@ class BoundedForce(OneThread):
         return float(self._give.outputs[1][0])
 
     def instance(self, x: ArrayLike, v: ArrayLike = (0.0, 0.0)) -> Instance:
-        """QP for a hand at x (2,) with velocity v (2,), at the last force and current energy."""
+        """QP for a hand at x (2,) [m] with velocity v (2,) [m/s], given the last force and the current energy."""
         point, velocity = np.asarray(x, dtype=np.float64), np.asarray(v, dtype=np.float64)
         ceiling, left, grown = self._affordable.of(self.model, self._watched, self._force)
         view = VIEW.numbers(
@@ -281,9 +283,10 @@ class BoundedForce(OneThread):
     def step(
         self, x: ArrayLike, v: ArrayLike | None = None, *, enable: object = True, stamp: float | None = None
     ) -> Command:
-        """Compute the force (2,) [N] to hold until the next tick; an invalid state gives a release and a reason.
+        """Compute the force (2,) [N] to hold until the next tick.
 
-        Arguments of a wrong shape raise `ConfigurationError`.
+        If the state is invalid, the force is released and the command gives the reason. Arguments of a wrong shape
+        raise `ConfigurationError`.
 
         Parameters
         ----------
@@ -335,7 +338,7 @@ class BoundedForce(OneThread):
         return command
 
     def _command(self, solved: memoryview[float], names: Sequence[str]) -> Command:
-        """Command from the numbers of `SOLVED`; the next tick starts from its force."""
+        """Command from the values of a `SOLVED` record; its force becomes the last force of the next tick."""
         _, x, y, status, residual, solver, relaxed, scale, reason, *rest = solved.tolist()
         self._held[0], self._held[1], self.desired_force = x, y, (rest[3], rest[4])
         value = _read_only(self._held.tobytes())  # a copy

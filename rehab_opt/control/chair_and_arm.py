@@ -1,8 +1,8 @@
 """QP of chair and arm for one set of task rows: Honzik's Eq. 1 with bounds.
 
-The QP is feasible in every tick, since one tick c of the hardest braking of all joints together satisfies all rows.
-Braking satisfies the acceleration limits and does not change the stop posture z, and every bound holds at z and on the
-way to z. The task rows hold with the slack off = |e|.
+The QP is feasible in every tick. Let c be the velocity after one tick in which all joints brake together as hard as
+possible: c satisfies all rows. It satisfies the acceleration limits and does not change the stop posture z, and every
+bound holds at z and on the way to z. The task rows hold with the slack variable off = |e|.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ TINY = 1e-12
 
 
 class ChairAndArm(VelocityController):
-    """Joint velocities for a hand twist in one set of rows.
+    """Joint velocities for a hand twist that is given in one set of task rows.
 
     min  1/2 (u - t)'W(u - t) + 0.01 T/dt |u - b|^2 + price (20 off - progress) + missing^2 + off^2
     s.t. J u = w + progress r/|r| + off e/|e|,   0 <= progress <= |r|,  0 <= off <= |e|
@@ -44,12 +44,14 @@ class ChairAndArm(VelocityController):
          -max(0.05 |r|, |w|) <= (r/|r|)'J(z) u,  |s'J(z) u| <= max(0.27 |r|, |w|) for s orthogonal to r,
          as tangents at u_last (1 - dt/T), relaxed so that this velocity and c (see the module) satisfy them
 
-    - u: joint velocities, the chair's in the chassis frame (forward, left, turn). There the rolling row, Eq. 4, is a
-      left speed of zero.
-    - r: commanded twist; w: the part of the last hand motion off r that is still allowed; e: the remaining deviation.
+    - u: joint velocities; those of the chair are in the chassis frame (forward, left, turn). In this frame the rolling
+      constraint, Eq. 4, is a left speed of zero.
+    - r: commanded twist; w: hand velocity off the direction of r that is still allowed in this tick; e: further hand
+      velocity off this direction that remains if the robot brakes.
     - z = q + T u: stop posture if all joints now brake together, see `BrakingTogether`. J: Jacobian at mid-tick.
-    - t: Eq. 1, or the answer nearest to it that the accelerations allow (`HandTask`).
-    - b: the answer t if it satisfies all bounds, else u_last (1 - dt/T), so that a chair at rest stays at rest.
+    - t: joint velocities by Eq. 1, or the nearest ones that the accelerations allow (`HandTask`).
+    - b: the answer t if it satisfies all bounds; otherwise t blended with u_last (1 - dt/T), so that a chair at rest
+      stays at rest.
 
     Without a commanded twist all joints brake together as hard as the accelerations allow. For the parameters see
     `RedundancyResolver`.
@@ -144,14 +146,18 @@ class ChairAndArm(VelocityController):
         return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Velocity intervals within the accelerations, widened to include braking; at rest those of `limits`."""
+        """Velocity intervals within the acceleration limits, widened to include braking; those of `limits` if no motion
+        is commanded.
+        """
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
-        """Analytic answer (n,), blended with braking as far as it violates a bound or `ends`."""
+        """Analytic answer (n,), blended with braking in proportion to its violation of a bound or of the intervals
+        `ends`.
+        """
         u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
         finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
         analytic = ca.if_else(finite, task.analytic, 0)
@@ -174,19 +180,22 @@ class ChairAndArm(VelocityController):
         return ca.densify(ca.vertcat(u, q + value * self.dt, value, wheels))
 
     def fallback_law(self) -> ca.Function:
-        """One tick of braking together."""
+        """Function of the fallback command: one tick in which all joints brake together."""
         stated = self.stated
         return stated.finish_at(ca.vertcat(self._base, 0, 0))
 
     def beginning(self) -> ca.Function:
-        """Function: velocity (n,), the chair's in its own frame, and heading [rad] -> see `VelocityController`."""
+        """Function: velocity (n,), heading [rad] -> results as in the base class.
+
+        The chair's components of the velocity are in the chassis frame.
+        """
         velocity, heading = ca.SX.sym("velocity", self.chain.n), ca.SX.sym("heading")
         state, possible = super().beginning()(velocity)
         state[self.memory_at + self.chain.n + 2] = heading  # used if the first position is invalid
         return ca.Function("begin", [velocity, heading], [state, all_true(possible, ca.fabs(heading) < MAX_MAGNITUDE)])
 
     def braking(self) -> ca.Function:
-        """CasADi function of q, memory and obstacles; see `VelocityController`."""
+        """Function: q, memory, obstacles -> memory after the fallback command, and its report."""
         tick, q = Stages(), ca.SX.sym("q", self.chain.n)
         surroundings, memory = ca.SX.sym("obstacles", self.surroundings), ca.SX.sym("memory", self._memory_size)
         limits = self._limits(tick, q, memory[: self.chain.n], surroundings, gives_way=ca.SX(0))
@@ -219,24 +228,26 @@ class ChairAndArm(VelocityController):
     """Take one step with the inputs that were set."""
 
     def brake(self, reason: str) -> Command:
-        """Fallback command at the inputs that were set."""
+        """Fallback command for the inputs that were set."""
         return self._safe(reason)
 
     def reset(self, velocity: ArrayLike | None = None, heading: float = 0.0) -> None:
-        """Reset to rest, or to a velocity (n,) with the chair's part in its own frame."""
+        """Reset to rest, or to a velocity (n,) whose chair components are in the chassis frame."""
         self._began(np.zeros(self.chain.n) if velocity is None else velocity, heading)
 
     def take_over(self, other: ChairAndArm) -> None:
-        """Continue after another set of rows: take over its velocity, position and state checks."""
+        """Take over velocity, position and state checks from the controller of another set of task rows."""
         self._solvers.everything[:] = self._going_on_after(other)
 
     def instance_after(self, other: ChairAndArm, *inputs: ArrayLike) -> Instance:
-        """QP of a tick that follows a tick of `other`, as numbers."""
+        """QP, as numerical data, of a tick that follows a tick of `other`."""
         memory = self._solvers.memory if other is self else self._going_on_after(other)[self.memory_at :]
         return self.stated.instance(*inputs, memory=memory[: self._memory_size].copy())
 
     def going_on(self) -> ca.Function:
-        """Function: own state, other rows' memory up to the command, `judged_memory` -> state that continues."""
+        """Function: own state, memory of another set of rows up to the command, `judged_memory` -> own state that
+        continues from there.
+        """
         size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
         theirs, memory = ca.SX.sym("theirs", command_slice.stop), ours[self.memory_at : size]
@@ -255,5 +266,5 @@ class ChairAndArm(VelocityController):
 
     @property
     def velocity(self) -> Array:
-        """Last command (n,), the chair's part in its own frame."""
+        """Last command (n,); the chair's components are in the chassis frame."""
         return self._last.copy()

@@ -1,4 +1,4 @@
-"""Limits of chair and arm in one tick; the whole robot can always brake together without violating one."""
+"""Limits of chair and arm in one tick; the whole robot can always brake together without violating any limit."""
 
 from __future__ import annotations
 
@@ -25,25 +25,32 @@ __all__ = ["ChairLimits", "Limits"]
 
 TINY = 1e-12
 FACETS = 8
-"""Number of sides of the polygon inside the circle of chassis velocities; its corners lie on the axes."""
+"""Number of sides of the polygon that replaces the circle of allowed chassis velocities. The polygon lies inside the
+circle; its corners lie on the axes.
+"""
 
 
 class Limits(NamedTuple):
-    """Limits on the velocities u (n,) of one tick, the chair's in its own frame; `base` satisfies all of them."""
+    """Limits on the joint velocities u (n,) of one tick; the chair's are in the chassis frame.
+
+    The velocity `base` (n,) satisfies all limits.
+    """
 
     lower: ca.SX
-    """(n,) of each joint: its speed limit, and its position limits at the stop posture."""
+    """(n,) lower bound of each joint's velocity, by its speed limit and by its position limits at the stop posture."""
     upper: ca.SX
     chassis: SymmetricLimit
-    """Wheel-rim speeds and the chassis speed [m/s]; empty for a fixed base."""
+    """Limit on the speeds of wheel rims and chassis [m/s]; empty for a fixed base."""
     towards: LinearLimit
-    """Approach of the chair's corners to obstacles [m/s], at the end of braking."""
+    """Limit on the chair's speed towards obstacles [m/s], at the current posture and on the way to the stop posture."""
     closing: LinearLimit
-    """Approach of the arm to its keep-outs [m/s], at the current posture and on the way to the stop posture."""
+    """Limit on the arm's speed towards keep-outs [m/s], at the current posture and on the way to the stop posture."""
     beside: LinearLimit
-    """A user's limits, and clearance."""
+    """Limits of the user, and clearance."""
     base: ca.SX
-    """(n,) fallback command: one tick of the hardest braking together; see `ChairLimits` for moving bodies."""
+    """(n,) fallback command: velocity after one tick in which all joints brake together as hard as possible. Near
+    moving bodies see `ChairLimits`.
+    """
     clearance: ca.SX
     """[m] distance of the arm from the nearest keep-out, negative inside."""
     nearest: ca.SX
@@ -57,11 +64,11 @@ class Limits(NamedTuple):
         return sum(each.row_count for each in (self.chassis, self.towards, self.closing, self.beside))
 
     def surrounding_rows(self, u: ca.SX) -> list[Row]:
-        """Rows of obstacles, keep-outs, users' limits and clearance."""
+        """QP rows of obstacles, keep-outs, users' limits and clearance."""
         return [row for each in (self.towards, self.closing, self.beside) for row in each.rows(u)]
 
     def violation(self, u: ca.SX) -> ca.SX:
-        """Largest violation by u of joint intervals and wheel limits; infinite for NaN."""
+        """Norm of the violation of joint intervals and wheel limits by u (n,); infinite for NaN."""
         over = ca.vertcat(u - self.upper, self.lower - u, self.chassis.excess(u))
         return ca.if_else(all_true(ca.fabs(over) < ca.inf), ca.norm_2(ca.fmax(over, 0)), ca.inf)
 
@@ -73,17 +80,17 @@ class ChairLimits:
 
     - joint limits: lower <= q + T u <= upper;
     - keep-outs: the arm's least distance on the way to z, see `ArmKeepOuts`;
-    - obstacles: the smaller gap of each corner of the chair at z or half-way, see `ChairObstacles`.
+    - obstacles: the gap of each corner of the chair at z or half-way to z, whichever is smaller, see `ChairObstacles`.
 
     If a limit cannot be satisfied any more (an obstacle appears, a velocity is reset), the robot brakes as hard as the
-    accelerations allow. A command that violates an obstacle, a keep-out or a user's limit is blended with braking, and
-    if need be with rest (`kept`). Only the blend with rest relaxes the acceleration limit. While the stick commands a
-    motion, the fallback command `base` moves away from approaching bodies.
+    accelerations allow. A command that violates an obstacle, a keep-out or a user's limit is blended with braking, or
+    with rest if that does not suffice (`kept`). Only the blend with rest relaxes the acceleration limit. While the
+    stick commands a motion, the fallback command `base` moves away from approaching bodies.
 
     Parameters
     ----------
     robot, wheels : see `RedundancyResolver`. max_obstacles : largest number of obstacles. dt : tick [s].
-    own : a user's limits, and clearance. recovery_speed : see `RedundancyResolver`.
+    own : the user's limits, and clearance. recovery_speed : see `RedundancyResolver`.
     """
 
     def __init__(
@@ -104,11 +111,15 @@ class ChairLimits:
 
     @property
     def moving(self) -> list[int]:
-        """Numbers, from 0, of the joints that the drive allows to move: Eq. 4 in the chassis frame."""
+        """Indices of the joints that can move; the rolling constraint, Eq. 4 in the chassis frame, excludes others."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
-        """Limits at joint values q (n,) after the command `last` (n,), with the numbers of obstacles and capsules."""
+        """Limits at joint positions q (n,) after the command `last` (n,).
+
+        `surroundings` holds the values of obstacles and moving capsules. If `gives_way` is 1, `base` moves away from
+        approaching bodies.
+        """
         lower, upper, hard_lower, hard_upper, outside = tick.once(self._joints(q, last))
         obstacles, told = ca.vertsplit(surroundings, [0, NUMBERS * self.max_obstacles, surroundings.numel()])
         towards, nearest = self.obstacles.limits(tick, obstacles, q, last)
@@ -135,7 +146,7 @@ class ChairLimits:
                 q, turn @ last, contacts, turn=turn, base=base, ends=ends, hard=(hard_lower, hard_upper),
                 gives_way=gives_way,
             )  # fmt: skip
-            # As far towards `base` as the wheels allow; both ends are within the accelerations.
+            # From `braked` as far towards `base` as the wheels allow; both satisfy the acceleration limits.
             way = base - braked
             base = braked + chassis.one_sided.max_step_size(way, braked) * way
             beside = LinearLimit.stacked(LinearLimit(*here), ahead).relaxed(base)
@@ -156,13 +167,16 @@ class ChairLimits:
 
     @staticmethod
     def world(heading: ca.SX, joints: int) -> ca.SX:
-        """Rotation (n, n) of velocities from the chair's own frame to the world."""
+        """Matrix (n, n) that rotates velocities from the chassis frame to the world frame."""
         turn, cos, sin = ca.SX.eye(joints), ca.cos(heading), ca.sin(heading)
         turn[:2, :2] = ca.vertcat(ca.horzcat(cos, -sin), ca.horzcat(sin, cos))
         return turn
 
     def led(self, q: ca.SX, u: ca.SX, seconds: float) -> ca.SX:
-        """Positions (n,) after `seconds` at velocities u (n,); the chair moves on an arc, u is in its own frame."""
+        """Joint positions (n,) after `seconds` at velocities u (n,), the chair's in the chassis frame.
+
+        The chair moves on an arc.
+        """
         way = seconds * mean_velocity(np.zeros(2), u[:CHAIR], seconds)
         behind = q[2] - u[2] * self.dt / 2
         cos, sin = ca.cos(behind), ca.sin(behind)
@@ -171,7 +185,7 @@ class ChairLimits:
 
     @cached_property
     def contacts(self) -> ca.Function:
-        """CasADi function of q, last u (n,) and moving capsules; see `control.limit`."""
+        """CasADi function: q (n,), last u (n,), moving capsules -> contacts, see `PostureLimits.contacts`."""
         own, n = self.own, self.robot.chain.n
         here, last = ca.SX.sym("q", n), ca.SX.sym("last", n)
         sent = ca.Function("sent", [here, last], [self.world(here[2], n) @ last])
@@ -179,7 +193,7 @@ class ChairLimits:
         return ca.Function("contacts", inputs, [own.contacts(inputs[0], sent(*inputs[:2]), inputs[2])])
 
     def _touched(self, tick: Stages, q: ca.SX, u: ca.SX, contacts: ca.SX, told: ca.SX, *, fastest: ca.SX) -> ca.SX:
-        """Remaining distances to bodies on the way of u, and slopes; `FAR` if all are far."""
+        """`bodies_on_the_way` at the velocities u (n,); distances of `FAR` if all bodies are far away."""
         max_contacts = 0 if self.own.clearance is None else self.own.clearance.max_contacts
         none = ca.horzcat(FAR * ca.SX.ones(max_contacts), ca.SX.zeros(max_contacts, q.numel()))
         if not max_contacts:
@@ -194,11 +208,14 @@ class ChairLimits:
 
     @cached_property
     def _times(self) -> list[float]:
-        """Times [s] to the fractions `ALONG` of the way to rest."""
+        """Times [s] after which a constant velocity reaches the fractions `ALONG` of the way to the stop posture."""
         return [part * self.braking.time for part in ALONG]
 
     def kept(self, tick: Stages, q: ca.SX, surroundings: ca.SX, limits: Limits, u: ca.SX) -> ca.SX:
-        """Velocities u (n,), blended with `base` so that nothing moves deeper into an obstacle or keep-out."""
+        """Velocities u (n,), blended with `limits.base` as far as needed.
+
+        The result moves the robot no deeper into an obstacle or keep-out, and no further beyond a user's limit.
+        """
         if not (self.max_obstacles or self.robot.keep_out or len(self.own)):
             return u
         u = tick.once(u)
@@ -213,7 +230,7 @@ class ChairLimits:
 
     @cached_property
     def _first_kept(self) -> ca.Function:
-        """Function: q, surroundings, u (n,), braking -> see `control.limit`."""
+        """Function: q, surroundings, u (n,), braking (n,) -> velocity (n,), see `PostureLimits.first_kept`."""
         own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
         sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
         q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]
@@ -240,7 +257,7 @@ class ChairLimits:
         return *pairs[0], *pairs[1], bounds.outside
 
     def _chassis(self, slowest: ca.SX) -> SymmetricLimit:
-        """Limits of rim speeds, and of the chassis speed as a polygon that contains the hardest braking."""
+        """Limits on rim speeds and chassis speed; the polygon of the chassis speed contains the hardest braking."""
         chain, (rows, upper) = self.robot.chain, self.wheels.rims
         rims = SymmetricLimit.of_joints(0, chain.n, ca.sparsify(ca.SX(rows)), ca.SX(upper * (1 - TIGHTER)))
         if not self.wheels.holonomic:
@@ -258,6 +275,9 @@ class ChairLimits:
 
 
 def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Velocity interval within `ends` that is reachable with changes up to `change`, widened to include `base`."""
+    """Interval of the velocities inside the interval `ends` that changes of up to `change` from `last` can reach.
+
+    The interval is widened to include the velocity `base`.
+    """
     lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)

@@ -1,4 +1,4 @@
-"""Rows of one obstacle for the chair, at the outline's nearest points now and on the way to the stop posture."""
+"""QP rows that keep the chair's outline out of an obstacle, now and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -23,28 +23,29 @@ Array = NDArray[np.float64]
 ROWS = 4
 """Number of rows of one obstacle."""
 ALONG = (0.5, 1.0)
-"""Fractions of the way to the stop posture at which obstacles are checked, besides its beginning."""
+"""Fractions of the way to the stop posture at which obstacles are checked, in addition to the current posture."""
 CLEAR = 5e-4
 """[m] Margin to obstacles, doubled at the stop posture, since a row is only a tangent."""
 NEARER = 5
 """Steps of the search for the nearest point of a post's path past the chair; too few steps err on the safe side."""
 TOUCHING = 1e-6
-"""[m] Distances below this give no direction."""
+"""[m] Distances below this are too small to define a direction."""
 TINY = 1e-12
 TIGHTER = 1e-7
 """Relative tightening of limits; it covers the certificate's tolerance."""
 
 
 class ChairObstacles:
-    """Rows on the chair's velocity (3,), in its own frame, for one obstacle from `obstacle_numbers`.
+    """QP rows on the chair's velocity (3,), in the chassis frame, for one obstacle from `obstacle_numbers`.
 
-    `column` has `ROWS` rows, each with its remaining speed [m/s] while the chair brakes. A wall has rows for its two
-    nearest corners: one at the current posture, one on the way to the stop posture. A post has a row at the outline's
-    nearest point now, and rows for its path past the braking chair, half-way and at the end.
+    `column` holds `ROWS` rows. The upper bound [m/s] of a row is the closing speed that it allows beyond that of the
+    braking chair. A wall has two rows for each of the chair's two corners nearest to it: one at the current posture,
+    one on the way to the stop posture. A post has one row for the point of the outline nearest to it now. Two more rows
+    cover the path of the post relative to the braking chair: half-way, and at the stop posture.
 
     Parameters
     ----------
-    robot : its outline and the chair's largest speeds. braking : see `BrakingTogether`. dt : tick [s].
+    robot : has the outline and the chair's largest speeds. braking : see `BrakingTogether`. dt : tick [s].
     """
 
     def __init__(self, robot: MobileArm, braking: BrakingTogether, dt: float) -> None:
@@ -54,7 +55,7 @@ class ChairObstacles:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """Function: obstacle (4,), place (3,), last command (3,) -> `column`, or `far`."""
+        """Function: obstacle (4,), chair position (3,), last command (3,) -> `column`, or `far` if it is far away."""
         tick, one, place, last = (
             Stages(),
             ca.SX.sym("one", NUMBERS),
@@ -74,7 +75,7 @@ class ChairObstacles:
         )
 
     def column(self, one: ca.SX, place: ca.SX, last: ca.SX) -> ca.SX:
-        """Column (17,) of rows and remaining speeds, then the chair's gap from the obstacle [m]."""
+        """Column (17,): `ROWS` rows, each with its upper bound, and the gap [m] between chair and obstacle."""
         each = self._approach(one, place, last, self.braking.time)
         rows = [ca.vertcat(*pair) for pair in self._towards(each, last)]
         return ca.densify(ca.vertcat(*rows, ca.mmin(self._gaps(each))))
@@ -85,7 +86,9 @@ class ChairObstacles:
         return ca.densify(ca.vertcat(*[row] * ROWS, FAR))
 
     def limits(self, tick: Stages, obstacles: ca.SX, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, ca.SX]:
-        """Limits [m/s] on the approach to obstacles (4 k,), at q (n,) after `last` (n,); smallest gap [m]."""
+        """Two results at q (n,) after the command `last` (n,): limits [m/s] on the speed towards the obstacles (4 k,),
+        and the smallest gap [m].
+        """
         columns = [tick.call(self.rows, one, q[:CHAIR], last[:CHAIR])[0] for one in _each(obstacles)]
         cells = [ca.reshape(each[:-1], CHAIR + 1, ROWS).T for each in columns]
         found = ca.vertcat(ca.SX(0, CHAIR + 1), *cells)
@@ -98,12 +101,15 @@ class ChairObstacles:
         return ca.fabs(u[0]) + ca.fabs(u[1]) + self._lever * ca.fabs(u[2])
 
     def keeps_out(self, obstacles: ca.SX, place: ca.SX, u: ca.SX) -> ca.SX:
-        """1 if `no_deeper` holds for all obstacles (4 k,), at place (3,) and velocity u (n,)."""
+        """1 if `no_deeper` holds for all obstacles (4 k,), at the chair position `place` (3,) and velocity u (n,)."""
         return all_true(*(self.no_deeper(one, place, u[:CHAIR]) for one in _each(obstacles)))
 
     @cached_property
     def no_deeper(self) -> ca.Function:
-        """Function: obstacle (4,), place (3,), velocity (3,) -> 1 if neither a line nor an arc moves deeper into it."""
+        """Function: obstacle (4,), chair position (3,), velocity (3,) -> verdict for one tick.
+
+        The verdict is 1 if the chair moves no deeper into the obstacle, neither on a straight line nor on an arc.
+        """
         one, place, u = ca.SX.sym("one", NUMBERS), ca.SX.sym("place", CHAIR), ca.SX.sym("u", CHAIR)
         cos, sin, verdict = ca.cos(place[2]), ca.sin(place[2]), []
 
@@ -121,7 +127,7 @@ class ChairObstacles:
     # -------------------------------------------------------------------------------------------------- plumbing
     @property
     def _bent(self) -> float:
-        """[m/s^2] Error of a corner's tangents in a tick over the square of the braking time."""
+        """[m/s^2] Error of a corner's tangents in a tick, divided by the square of the braking time."""
         return self._lever * min(float(self.braking.change[2]), self._turn) ** 2 / 2
 
     def _approach(self, one: ca.SX, place: ca.SX, last: ca.SX, horizon: float) -> ObstacleRows:
@@ -157,13 +163,13 @@ class ChairObstacles:
             nearest = first_true(keys <= ca.mmin(keys))
             keys = ca.if_else(nearest, ca.inf, keys)
             found = ca.if_else(each.is_post, post, ca.horzcat(*(rows for rows, _ in corners)) @ nearest)
-            # At contact the obstacle's own rows: corner rows would allow a larger turn, and `kept` would stop all.
+            # At contact use the rows of `approach`: corner rows allow a faster turn, which `kept` would then stop.
             touching = ca.vertcat(each.matrix[k, :].T, each.room[k] - each.matrix[k, :] @ slower)
             rows += [(row[:3], row[3]) for row in (ca.if_else(apart, found[:4], touching), found[4:])]
         return rows
 
     def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
-        """Two columns (8,) for a post: rows now and half-way to rest; an empty row and one at the stop posture."""
+        """Two columns (8,) of two rows each for a post: now and half-way to rest; an empty row and the stop posture."""
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
         now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
@@ -177,8 +183,8 @@ class ChairObstacles:
         return columns
 
     def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
-        """Normal (2,) of the line with the largest gap between outline and a post's path, by the search of Gilbert et
-        al.
+        """Normal (2,) of the line that separates the outline from a post's path with the largest gap (search of Gilbert
+        et al.).
         """
         centre, radius = each.post[:2], each.post[2]
         way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
@@ -205,7 +211,9 @@ class ChairObstacles:
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """Column (8,) of a row now and a row on the way to rest, each with its remaining speed [m/s]; least gap."""
+        """Two results: a column (8,) with one row now and one on the way to rest, each with its upper bound [m/s]; and
+        the least gap [m].
+        """
         time = self.braking.time
         least, now = gap_after(slower, 0.0)
         first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))
@@ -223,7 +231,9 @@ def _each(obstacles: ca.SX) -> list[ca.SX]:
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """Gap [m] of a corner (2,) from a wall after a time on an arc, and closing speed per unit of velocity (3,)."""
+    """Two results after a time [s] on an arc: the gap [m] between a corner (2,) and a wall, and the derivative (3,) of
+    the closing speed by the velocity.
+    """
     u = ca.SX.sym("u", CHAIR)
     mean = ca.dot(wall[:2], mean_velocity(corner, u, time))
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
@@ -231,7 +241,7 @@ def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[c
 
 
 def mean_velocity(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
-    """Mean velocity (2,) of a chair's corner (2,) on an arc of velocity (3,) over a time [s]."""
+    """Mean velocity (2,) of a corner (2,) of the chair that moves on an arc at `velocity` (3,) for `time` [s]."""
     x, y, half = float(corner[0]), float(corner[1]), velocity[2] * time / 2
     shrunk, cos, sin = 1 - half * half / 6, ca.cos(half), ca.sin(half)  # chord over arc, and the chord's direction
     drive = shrunk * ca.vertcat(cos * velocity[0] - sin * velocity[1], sin * velocity[0] + cos * velocity[1])
@@ -239,7 +249,7 @@ def mean_velocity(corner: Array, velocity: ca.SX, time: float) -> ca.SX:
 
 
 def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
-    """Position (2,), in the chassis frame, of a fixed point (2,) after an arc of velocity (3,) over a time [s]."""
+    """Position (2,), in the chassis frame, of a fixed point (2,) after the chair moved on an arc for `time` [s]."""
     way = place - time * mean_velocity(np.zeros(2), velocity, time)
     x, y = way[0], way[1]
     cos, sin = ca.cos(velocity[2] * time), ca.sin(velocity[2] * time)
@@ -247,7 +257,9 @@ def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
 
 
 def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:
-    """Gap [m] of a chair's outline from a post, negative inside, and closing speed (3,) per unit chassis velocity."""
+    """Two results: the gap [m] between outline and post, negative inside, and the derivative (3,) of the closing speed
+    by the chassis velocity.
+    """
     x, y = post[0], post[1]
     normal = ca.vertcat(*outward_normal(outline, x, y))
     gap = ca.dot(normal, post[:2]) - ca.mmax(ca.DM(outline.corners) @ normal) - post[2]

@@ -17,7 +17,7 @@ from rehab_opt.kinematics.room import Box, KeepOut
 __all__ = ["Clearance", "check_place", "checked_clearance"]
 
 EXACT = 1e-9
-"""Largest entry of R R' - I of a rotation."""
+"""Largest entry of R R' - I for which the matrix R counts as a rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class Clearance:
     grad d . q' + n . (-v) >= -rate (d - margin)
 
     with n the direction from body to link and v the velocity of the body's nearest point. The following holds if joints
-    move as commanded and moving bodies move as passed.
+    move as commanded and moving bodies keep the velocity that is passed.
     - Fixed bodies: no pair comes nearer than `margin`, and a pair that is already nearer gets no nearer, also while
       braking.
     - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no
       such velocity exists, or the arm is not enabled, the body may come nearer by its own motion; `Relaxed.POSITION`
-      reports it. The arm's motion never adds to that.
+      reports it. The arm's own motion never brings them nearer.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ class Clearance:
     moving : largest number of moving capsules, see `PoseTracker.step`; a person's arm has three, from `arm_capsules`.
     pairs : pairs of link names that keep clear of each other; () for none. None selects all pairs that are not
         neighbours and do not overlap in half of all postures.
-    max_contacts : number of contacts with rows in a tick. The arm stops before all other contacts, but does not slide
-        along them. A chair needs at least the default.
+    max_contacts : number of contacts that get QP rows in a tick. The arm stops before all other contacts, but does not
+        slide along them. An arm on a chair needs at least the default.
     rate : [1/s] largest decay rate of the distance to the margin; by default that of a `Limit`.
     """
 
@@ -62,9 +62,9 @@ class Clearance:
 
 
 def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Clearance:
-    """Checked clearance with resolved names.
+    """Check a clearance for a chain and return it.
 
-    Raises `ConfigurationError` for an invalid number or body, no capsules, or nothing to keep clear of.
+    Raises `ConfigurationError` for an invalid number or body, unknown link names, or a chain without capsules.
     """
 
     def refuse(name: str, value: object, expected: str) -> ConfigurationError:
@@ -105,7 +105,7 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
 
 
 def check_place(argument: str, body: KeepOut | Capsule | Box, chain: SerialChain) -> None:
-    """Raise `ConfigurationError` for a body with a length far beyond the robot's size."""
+    """Raise `ConfigurationError` for a body whose distance or size is far beyond the robot's size."""
     base = chain.base[:3, 3]
     if isinstance(body, KeepOut):
         lengths = [float(np.dot(body.normal, base)) - body.offset]

@@ -1,7 +1,7 @@
-"""Pairs of bodies of an arm and its surroundings: functions of distances and of the nearest contacts.
+"""Distances and nearest contacts of pairs of bodies: links of an arm, and bodies around it.
 
 Every function takes joint positions q (n,), moving capsules (14 k,) from `moving_numbers`, and the time [s] for which
-the capsules move on.
+the capsules continue at their velocities.
 """
 
 from __future__ import annotations
@@ -39,11 +39,13 @@ MOSTLY = 0.5
 SAME = 1e-9
 """[m] Smaller motions count as rounding."""
 ALIKE = 1e-7
-"""[1, m] Largest difference of normal and moment of equal contacts."""
+"""[1, m] Contacts whose normals and moments differ by less than this count as equal."""
 BEHIND = 4.0
-"""Factor on the distance of a contact beyond its pair's least distance; the product is added to the contact's rank."""
+"""The rank of a contact is its room, plus up to this factor times the distance by which it exceeds its pair's least
+distance.
+"""
 TIE = 1e-12
-"""[m] Rank difference between equal contacts."""
+"""[m] Rank difference that puts equal contacts in a definite order."""
 APPROACH = 11
 """Number of values of an `Approach`."""
 THERE = MOVING - 1
@@ -51,12 +53,14 @@ THERE = MOVING - 1
 
 
 class Kind(NamedTuple):
-    """Functions of one pair's column of numbers; `room` and `contacts` also take its `Approach`."""
+    """Functions for pairs of one kind. Each takes the column of a pair's geometry; `room` and `contacts` also take the
+    pair's `Approach`.
+    """
 
     distance: ca.Function
     room: ca.Function
     contacts: ca.Function
-    """(9, 5) contacts; the last number of each is its rank."""
+    """Result (9, 5): one contact per column, with its rank as last entry."""
 
 
 @cache
@@ -84,7 +88,7 @@ def _kinds() -> tuple[Kind, Kind]:
 
 @dataclass(frozen=True, eq=False)
 class ClearancePairs:
-    """Pairs of a checked `Clearance` and a chain.
+    """Pairs of bodies that a checked `Clearance` keeps apart, for one chain.
 
     A link that no joint moves (a base, or a link that turns about its own axis) is paired only with other links.
     """
@@ -94,7 +98,9 @@ class ClearancePairs:
 
     @cached_property
     def names(self) -> tuple[tuple[str, str], ...]:
-        """Both bodies of every pair, in the order of `distances`; for planes, each moving end of a link."""
+        """Names of both bodies of every pair, in the order of `distances`; every moving end of a link makes a pair with
+        every plane.
+        """
         given, links = self.clearance, self.chain.capsules
         others = [*(each.name for each in given.capsules), *(f"moving {i}" for i in range(given.moving))]
         free = [links[i].name for i in self.free]
@@ -105,7 +111,7 @@ class ClearancePairs:
 
     @cached_property
     def max_contacts(self) -> int:
-        """Number of contacts with rows."""
+        """Number of contacts that get QP rows."""
         contacts = self._spans_of_balls.shape[1] + CONTACTS * sum(self._looked_at)
         return int(min(self.clearance.max_contacts, contacts))
 
@@ -121,7 +127,7 @@ class ClearancePairs:
 
     @cached_property
     def distances(self) -> ca.Function:
-        """Function: q, moving capsules, time -> distance of every pair minus the margin [m]."""
+        """Function: q, moving capsules, time -> distance [m] of every pair, minus the margin."""
         q, told, time = ca.MX.sym("q", self.chain.n), ca.MX.sym("moving", self.moving_size), ca.MX.sym("time")
         *columns, _, heights, _ = self._placed(q, told, time)
         apart = [each for cells, kind in zip(columns, _kinds(), strict=True) for each in _mapped(kind.distance, cells)]
@@ -131,7 +137,8 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Function: q, last velocity, moving capsules, time -> column of the contacts with the least room, see `read`.
 
-        The last entry is the least distance of all pairs at q minus the margin.
+        `Approach` defines the room. The last entry of the column is the least distance of all pairs at q, minus the
+        margin.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
@@ -155,7 +162,11 @@ class ClearancePairs:
         return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, ca.mmin(self.distances(q, told, 0)))])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Distances minus the margin (k,), slopes (k, n) and rates due to bodies (k,) from a column of `nearest`."""
+        """Split a column of `nearest` into three results.
+
+        They are the distances minus the margin (k,), their derivatives (k, n) by q, and their rates (k,) by the bodies'
+        own motion.
+        """
         k = self.max_contacts
         return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
 
@@ -179,7 +190,7 @@ class ClearancePairs:
 
     @cached_property
     def _spans(self) -> tuple[Array, Array]:
-        """(2, pairs) per kind: range of joints (first, end) that move one body relative to the other."""
+        """Array (2, pairs) for each kind: range of joints (first, end) that move one body relative to the other."""
         frames = [min(each.frame, self.chain.n) for each in self.chain.capsules]
         given = self.clearance
         linked = [(frames[j], frames[i]) for i, j in self.linked]
@@ -220,7 +231,7 @@ class ClearancePairs:
 
     @cached_property
     def _told(self) -> tuple[Array, Array]:
-        """Flags (4, pairs) of each kind: 0 for an end that the pair of a thicker body covers."""
+        """Flags (4, pairs) for each kind: the flag of a body's end is 0 if the pair of a thicker body covers it."""
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]
         pairs = [(("link", i), ("link", j)) for i, j in self.linked]
@@ -246,7 +257,7 @@ class ClearancePairs:
 
     @cached_property
     def _ends_by_number(self) -> dict[tuple[str, int], tuple[tuple[int, int], float]]:
-        """Numbers of the ends of links and fixed capsules, equal for coincident ends; radii."""
+        """Numbers of both ends, and radius, of each link and fixed capsule; coincident ends have equal numbers."""
         places, found, ends = _places(self.chain, 5), {}, []
         bodies = [(("link", i), places[:, i], each.radius) for i, each in enumerate(self.chain.capsules)]
         for i, each in enumerate(self.clearance.capsules):
@@ -360,7 +371,7 @@ class ClearancePairs:
 
 
 def linked_pairs(chain: SerialChain, clearance: Clearance) -> tuple[tuple[int, int], ...]:
-    """Pairs of link numbers that keep clear of each other, the link that more joints move first."""
+    """Pairs of link indices that keep clear of each other; the first link of a pair is moved by more joints."""
     links = chain.capsules
     every = [(i, j) if links[i].frame >= links[j].frame else (j, i) for i in range(len(links)) for j in range(i)]
     if clearance.pairs is not None:
@@ -389,7 +400,7 @@ def _ends(chain: SerialChain, frames: list[ca.SX]) -> list[tuple[ca.SX, ca.SX]]:
 
 
 def _places(chain: SerialChain, count: int) -> Array:
-    """(count, links, 2, 3) [m] ends of the links at random postures, at most a turn per joint."""
+    """(count, links, 2, 3) [m] ends of the links at random postures; each joint stays within one turn."""
     q = ca.SX.sym("q", chain.n)
     ends = ca.vertcat(*(end for both in _ends(chain, chain.frames_expression(q)) for end in both))
     lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
@@ -403,7 +414,7 @@ def _mapped(function: ca.Function, cells: ca.MX) -> list[ca.MX]:
 
 
 def least(count: int, k: int) -> ca.Function:
-    """Function: column -> indices of its k least entries, the least first."""
+    """Function: column -> indices of its k smallest entries, in ascending order of the entries."""
     column = ca.SX.sym("column", count)
     keys, given = [ca.SX(2 * FAR)] * k, [column[i] + i * TIE for i in range(count)]
     for key in given:

@@ -12,7 +12,7 @@ __all__ = ["NUMBERED", "Command", "Relaxed", "Status"]
 
 
 class Status(Enum):
-    """Stage of the fallback chain that answered."""
+    """Stage of the fallback chain that gave the answer."""
 
     OK = "ok"  #: solved by the primary solver, certified
     BACKUP = "backup"  #: answered by the backup solver, or bounds certified but not optimality (see `reason`)
@@ -33,7 +33,7 @@ class Status(Enum):
 NUMBERED = (
     Status.OK, Status.BACKUP, Status.BRAKING, Status.HOLDING, Status.RELEASING, Status.RELEASED, Status.BLOCKED,
 )  # fmt: skip
-"""Statuses in the order of their numbers in C and in a tick's output; the others have no number."""
+"""Statuses in the order of their numbers in C code and in a tick's output; other statuses have no number."""
 
 
 class Relaxed(IntFlag):

@@ -1,6 +1,6 @@
-"""Prepare a motion tracker's samples for a controller: even resampling, NaN for lost sight, noise filter.
+"""Prepare a motion tracker's samples for a controller: resample evenly, set NaN while sight is lost, filter noise.
 
-A whole recording (`conditioned`) and its single samples (`Conditioner`) give the same result.
+`conditioned` takes a whole recording, `Conditioner` takes its samples one by one; both give the same result.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class Conditioned(NamedTuple):
     """N evenly spaced samples; NaN while sight is lost."""
 
     times: Array
-    """(N,) [s] on the stamps' clock, dt apart, from the first valid sample."""
+    """(N,) [s] times by the stamps' clock, dt apart, from the first valid sample on."""
     poses: Array
     """(N, 4, 4)"""
     twists: Array
     """(N, 6) [m/s, rad/s] linear first, base frame, mean over the previous tick."""
     lost: NDArray[np.bool_]
     dropped: int
-    """Number of samples left out: not finite, with stamps that do not advance, or spikes."""
+    """Number of samples left out: samples that are not finite, samples whose stamps do not advance, and spikes."""
     gaps: int
     """Number of stretches without valid samples, including jumps."""
 
@@ -52,11 +52,11 @@ class _Sample(NamedTuple):
     pose: Array
     """(7,) position and unit quaternion."""
     number: int = 0
-    """Number in the recording."""
+    """Index in the recording."""
 
 
 _Tick = tuple[int, Array | None, Array]
-"""Number, pose (7,) or None if sight is lost, twist (6,)."""
+"""Index of the tick; pose (7,), or None if sight is lost; twist (6,)."""
 
 
 class _Stretches:
@@ -105,16 +105,16 @@ class Conditioner(OneThread):
     """Condition a tracker's samples one by one.
 
     Positions and rotations are interpolated linearly at even ticks. Then each coordinate, also of the quaternion,
-    passes a low-pass filter of two equal poles. Sight counts as lost between samples more than `max_gap` apart, and if
-    the hand would have moved faster than possible; then the filter restarts. After a jump of the stamps by more than
-    600 s, times continue from there.
+    passes a low-pass filter of two equal poles. Between two samples, sight counts as lost if they are more than
+    `max_gap` apart, or if the hand would exceed `max_speed` or `max_turn_rate`. The filter then restarts. If the stamps
+    jump by more than 600 s, the output times continue from the new stamp.
 
     Parameters
     ----------
-    dt : [s] between even samples.
-    cutoff_hz : [Hz] of each pole; infinite for no filter.
+    dt : [s] time between output samples.
+    cutoff_hz : [Hz] cutoff frequency of each pole; infinite for no filter.
     max_gap : [s] largest time between samples that is interpolated.
-    max_speed, max_turn_rate : [m/s, rad/s] of a hand.
+    max_speed, max_turn_rate : [m/s, rad/s] largest possible speeds of a hand.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class Conditioner(OneThread):
 
     @property
     def lag(self) -> float:
-        """[s] Lag of the filter in steady motion, 2 (1 - a)/a ticks with its gain a."""
+        """[s] Lag of the filter in steady motion: 2 (1 - a)/a ticks, with the filter's gain a."""
         return 2.0 * (1.0 - self.gain) / self.gain * self.dt
 
     def reset(self) -> None:
@@ -155,8 +155,9 @@ class Conditioner(OneThread):
         return self._stretches.dropped
 
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
-        """Even samples (none, one or many) that one sample completes: stamp [s], position (3,) [m], quaternion x, y, z,
-        w.
+        """Add one sample: stamp [s], position (3,) [m], quaternion (x, y, z, w).
+
+        Return the output samples, possibly none or several, whose times are now known to lie before this sample.
         """
         if self._owner != get_ident():
             self._claim()
@@ -245,7 +246,7 @@ def conditioned(
         if counts:
             parts[-1] += [each.number for each in counts]
     for part in parts:
-        x[part, 3:] = continuous_quaternions(x[part, 3:])  # ticks between are left out
+        x[part, 3:] = continuous_quaternions(x[part, 3:])  # anew, since samples between are left out
     if not parts:
         within = f"stamps [s] at most {rule.max_gap:g} apart and places [m] no faster than {rule.max_speed:g} m/s"
         expected = f"at least {TOGETHER} valid samples together, of {within}"
@@ -291,7 +292,7 @@ def _first_tick(start: float, origin: float, dt: float) -> int:
 
 
 def _twists(states: Array, dt: float) -> Array:
-    """Twists (N, 6) over the previous tick from filtered positions and quaternions (N, 7); the first is zero."""
+    """Mean twists (N, 6) over the previous tick, from filtered positions and quaternions (N, 7); the first is zero."""
     twists = np.zeros((len(states), 6))
     twists[1:, :3] = np.diff(states[:, :3], axis=0) / dt
     q = states[:, 3:] / np.linalg.norm(states[:, 3:], axis=1, keepdims=True)

@@ -33,20 +33,22 @@ PARALLEL = 1e-14
 SAME = 1e-9
 """Least difference of two points on a segment, as a fraction of its length."""
 BESIDE, AGAIN = 5e-4, 1.0
-"""[m] Two contacts of a pair nearer than `BESIDE` share one row: the later one gets up to `AGAIN` more room."""
+"""[m] Two contacts of a pair that are less than `BESIDE` apart share one row: the room of the further one grows by up
+to `AGAIN`.
+"""
 
 
 class Approach(NamedTuple):
-    """Relative motion of two bodies, and flags of ends that another pair covers.
+    """Relative motion of two bodies, and flags for ends of bodies that another pair covers.
 
-    The room of a contact is its distance minus `lead` times its closing speed. A pair's room is that of its nearest
-    contact.
+    The room of a contact is its distance minus `lead` times its closing speed. The room of a pair is the room of its
+    nearest contact.
     """
 
     twist: ca.SX
     """(6,) [rad/s, m/s] first body relative to the other: angular velocity, and linear velocity at the origin."""
     lead: ca.SX
-    """[s]"""
+    """[s] Time for which the closing speed counts."""
     told: ca.SX
     """(4,) flags of the ends of both bodies; 0 for an end that the pair of an adjacent body covers."""
 
@@ -57,7 +59,7 @@ class Approach(NamedTuple):
 
 
 def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Height [m] of a ball's centre (3,) minus `offset` along a half-space's normal, and the contact."""
+    """Two results: the height [m] of a ball's centre (3,) along a half-space's normal, minus `offset`; the contact."""
     height = ca.dot(normal, centre) - offset
     return height, ca.vertcat(height, normal, ca.cross(centre, normal), 0)
 
@@ -65,14 +67,16 @@ def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.S
 def capsule_and_capsule(
     first: tuple[ca.SX, ca.SX], other: tuple[ca.SX, ca.SX], radii: ca.SX, speeds: tuple[ca.SX, ca.SX], near: Approach
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Distance [m] of two capsules, approximate room [m] of their nearest points, contacts (9, 5) with room.
+    """Three results for two capsules: distance [m]; approximate room [m] of the nearest points; contacts (9, 5).
 
-    Overlapping bodies have a negative distance, down to minus `radii` for segments that intersect.
+    A column of the contacts is one contact and its room. Overlapping bodies have a negative distance, down to minus
+    `radii` for segments that intersect.
 
     Parameters
     ----------
-    first, other : (3,), (3,) [m] ends of their segments; equal ends make a ball.
-    radii : [m] sum of both radii. speeds : (3,), (3,) [m/s] of the other capsule's ends. near : see `Approach`.
+    first, other : (3,), (3,) [m] ends of the capsules' segments; equal ends make a ball.
+    radii : [m] sum of both radii. near : see `Approach`.
+    speeds : (3,), (3,) [m/s] velocities of the other capsule's ends.
     """
     (a, a_end), (b, b_end) = first, other
     along, across = a_end - a, b_end - b
@@ -141,14 +145,15 @@ def _where(there: ca.SX, contact: ca.SX) -> ca.SX:
 def capsule_and_box(
     ends: tuple[ca.SX, ca.SX], turn: ca.SX, centre: ca.SX, half: ca.SX, radius: ca.SX, *, near: Approach
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Distance [m] of a capsule and a box, room [m] of their nearest contact, contacts (9, 5) with room.
+    """Three results for a capsule and a box: distance [m]; room [m] of the nearest contact; contacts (9, 5).
 
-    If the segment cuts the box, the distance is minus the shortest translation out of the box, minus `radius`.
+    A column of the contacts is one contact and its room. If the segment cuts the box, the distance is negative: minus
+    the length of the shortest translation out of the box, minus `radius`.
 
     Parameters
     ----------
-    ends : (3,), (3,) [m] of the capsule's segment. radius : [m] of the capsule. near : see `Approach`.
-    turn : (3, 3) axes of the box as columns. centre : (3,) [m] of the box. half : (3,) [m] half its sizes.
+    ends : (3,), (3,) [m] ends of the capsule's segment. radius : [m] of the capsule. near : see `Approach`.
+    turn : (3, 3) axes of the box as columns. centre : (3,) [m] of the box. half : (3,) [m] half the sizes of the box.
     """
     start, stop = (turn.T @ (end - centre) for end in ends)
     along = stop - start
@@ -204,8 +209,8 @@ def capsule_and_box(
 
 
 def _way_out(start: ca.SX, stop: ca.SX, half: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Direction (3,) to the nearest face and length [m] of the shortest way of a segment out of a box; last point
-    inside.
+    """Three results for a segment that cuts a box: direction (3,) to the nearest face; length [m] of the shortest
+    translation out of the box; end (3,) of the segment that leaves the box last.
     """
     middle, along = (start + stop) / 2, stop - start
     faces = half + ca.fabs(along) / 2 - ca.fabs(middle)

@@ -22,7 +22,8 @@ def damped_velocity(
 ) -> ca.SX:
     """Joint velocities (n,) J'(K^-1 + d K^-2 + ...) v with K = J J' + d I, by iterated damped least squares.
 
-    J is the Jacobian, v the twist, d the damping. The part of `drift` (n,) that does not move the hand is added.
+    J is the Jacobian, v the twist, d the damping. If joint velocities `drift` (n,) are given, their component that does
+    not move the hand is added.
     """
     k = jacobian.size1()
     diagonal, factor, order = ca.ldl(ca.densify(jacobian @ jacobian.T) + damping * ca.SX.eye(k), False)

@@ -1,4 +1,4 @@
-"""Energy that a force may still deliver to a hand: a bound that no hand motion can exceed."""
+"""Bound on the energy that a force may still deliver to a hand, whatever the hand's motion."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["LAGS", "SLOTS", "TAIL", "EnergyTank", "tank_record"]
 
 TAIL = 5.0
-"""Time constants of a lag that the window covers; the rest of the lag's response is the tail, see `EnergyTank`."""
+"""Number of time constants of a lag that the window covers; the rest of the response is the tail, see `EnergyTank`."""
 LAGS = 1.5 * math.exp(-TAIL)
 """Weight of the tail; the factor 1.5 covers the fading of older forces, see `FADES`."""
 SLOTS = 10
 """Number of time slots of past commands."""
 FADES = 3.0
-"""[windows] Time constant with which older forces fade."""
+"""Time constant with which older forces fade, as a multiple of the window."""
 
 
 @cache
 def tank_record(slots: int) -> Record:
-    """State of a tank; at first `level` is the budget and the rest is zero.
+    """Record of a tank's state. At first `level` is the budget and all other values are zero.
 
     level : [J] energy left at the last valid position. pending : [J] energy reserved since then.
     coming : [J] energy that the commands already sent may deliver beyond `pending`.
-    disputed : [J] energy returned after hidden motion; withdrawn if a jump follows at once.
+    disputed : [J] reserve that was given back after a gap in the positions; it is lost if a jump follows at once.
     unseen : [s] time since the last valid position. gap : whether there were several ticks since then.
-    varied : [J] largest additional work since then of forces other than `along`.
+    varied : [J] largest additional work since then, since forces differed from `along`.
     peak : [N] largest force since then. along : (2,) [N] first force since then.
-    lately, swing : [N] largest force so far, and accumulated change of the force, both fading.
-    x, y, around, impulse, seconds : (slots,) per time slot, newest first: centre and radius [N] of a disc with all its
-        forces, integral of their size [N s], and duration [s].
+    lately, swing : [N] largest force so far, and accumulated change of the force; both fade with time.
+    x, y, around, impulse, seconds : (slots,) values of each time slot, newest first. A disc with the centre (x, y) and
+        the radius `around` [N] contains all forces of the slot. `impulse` [N s] is the integral of their size, and
+        `seconds` [s] is the slot's duration.
     """
     sent = dict.fromkeys(("x", "y", "around", "impulse", "seconds"), slots)
     return Record(
@@ -45,25 +46,27 @@ def tank_record(slots: int) -> Record:
 
 
 class EnergyTank:
-    """Remaining energy of a budget, from commanded forces and the displacements measured while they acted.
+    """Remaining energy of a budget, computed from commanded forces and the displacements measured while they acted.
 
     The work F.dx of a force F is known only after the displacement dx. While positions are missing or repeat exactly,
     the largest energy that a hand within `speed_cap` could have drawn is reserved. The next position replaces this
     reserve by the measured work, unless a jump follows at once. Energy that the hand puts in is added, up to the
     budget.
 
-    A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a step dx costs the
-    largest F.dx over the forces of the window, plus a tail. `ceiling` is the largest force F that leaves enough energy
-    for a release within the slew limit after a tick of length `late`. With the forces F_j under way it satisfies
+    A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a displacement dx
+    costs the largest F.dx over the forces of the window, plus a tail. `ceiling` is the largest force F that leaves
+    enough energy for a release within the slew limit after a tick of length `late`. With the forces F_j that have been
+    commanded and may still act ("under way"), the ceiling F satisfies
 
         speed_cap (sum of |F_j| dt_j under way + F late + F^2 / (2 slew)) <= energy left
 
-    So a hand below the speed cap, moving straight between samples, never draws more than the budget. Each method
-    returns the next tank; call `elapsed` with the last command, then `seen` or `jumped`, or neither.
+    So a hand below the speed cap, moving straight between samples, never draws more than the budget. Methods that
+    account for an event return a new tank. In each tick call `elapsed` with the last command, then `seen` or `jumped`,
+    or neither of them.
 
     Parameters
     ----------
-    numbers : of `tank_record(slots)`. slots : 1 if forces act at once (window zero), else `SLOTS`.
+    numbers : values of `tank_record(slots)`. slots : 1 if forces act at once (window zero), else `SLOTS`.
     budget : [J] net energy that may be delivered until `reset`. slew : [N/s] guaranteed release rate of the force.
     speed_cap : [m/s] hand speed up to which the budget holds. late : [s] longest tick that the reserve covers.
     window : [s] see above. tail : weight of the change of older forces, `LAGS`. dt : [s] of a tick.
@@ -80,7 +83,7 @@ class EnergyTank:
         return EnergyTank(tank_record(self._slots).changed(self.numbers, **others), self._slots, **self._of)
 
     def or_else(self, when: ca.SX, other: EnergyTank) -> EnergyTank:
-        """`other` if the condition holds, else this tank."""
+        """`other` if the condition `when` holds, else this tank."""
         mine, theirs = self.numbers, other.numbers
         names = tank_record(self._slots).places
         return self._with(**{name: ca.if_else(when, getattr(theirs, name), getattr(mine, name)) for name in names})
@@ -110,12 +113,12 @@ class EnergyTank:
         return ca.vertcat(*itertools.accumulate(seconds))
 
     def _most(self, each: ca.SX) -> ca.SX:
-        """Largest of `each` (slots,) over the slots that may have acted since the last valid position."""
+        """Largest entry of `each` (slots,) among slots whose forces may have acted since the last valid position."""
         acts = self._ages() < self._window + self.numbers.unseen
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """Add a force (2,), commanded for `seconds`, at most `at_most`, to the newest slot, or to a new slot."""
+        """Add a force (2,), commanded for `seconds`, or for `at_most` [s] at most, to the newest slot or a new one."""
         now, x, y = self.numbers, force[0], force[1]
         impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
         fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so that all slots exceed the window
@@ -138,7 +141,8 @@ class EnergyTank:
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
         """Account for a force (2,) commanded for at most `seconds`, with any hand motion within the speed cap.
 
-        `surely` [s] sums up to the elapsed time, even if stamps jitter; past commands expire by this sum.
+        The values of `surely` [s] sum up to the elapsed time, even if stamps jitter. This sum decides when past
+        commands expire.
         """
         first, reach = self.numbers.unseen == 0, self._speed * seconds
         draws = self._to_come + ca.norm_2(force) * reach

@@ -1,4 +1,4 @@
-"""One tick of a bounded force as functions: check the sample, then bound the force; C code is generated from them."""
+"""Functions of one tick of a bounded force, also for C code: check the hand's sample, then bound the force."""
 
 from __future__ import annotations
 
@@ -47,26 +47,31 @@ MODEL = Record(
 between two samples; learns, whether the jitter is learnt.
 """
 VIEW = Record(x=2, v=2, reason=1, details=3, at_once=1, ceiling=1, left=1, repeats=1, grown=1)
-"""Checked sample of the hand: position [m], velocity [m/s], reason why it is invalid, whether the force is released at
-once, largest force [N], remaining energy [J], whether the position repeats, largest force [N] by the growth limit.
+"""Checked sample of the hand: position x [m], velocity v [m/s], reason why it is invalid and details of the reason,
+whether the force is released at once, largest force [N] by energy and force limit (ceiling), energy left [J], whether
+the position repeats, largest force [N] by the growth limit (grown).
 """
 DESIRED = Record(force=2, lets_go=1)
-"""[N] Force before any bound, possibly NaN; whether the hand is released: `BLOCKED`."""
+"""Desired force [N] before any bound, possibly NaN; whether the force is let go although the tick is valid, with the
+status `BLOCKED`.
+"""
 SOLVED = Record(asks=1, value=2, status=1, residual=1, solver=1, relaxed=1, scale=1, reason=1, details=3, desired=2)
-"""A command: whether another solver should be tried; force [N]; index of the status in `NUMBERED`; certificate
-residual, infinite for a release; solver; relaxed bounds; delivered fraction of the desired force; reason; desired force
-[N], zero for an invalid state.
+"""Command of a tick: whether another solver should be tried; force [N]; index of the status in `NUMBERED`; certificate
+residual, infinite for a release; index of the solver; relaxed bounds; delivered fraction of the desired force; reason
+and its details; desired force [N], zero for an invalid state.
 """
 FORGOTTEN = 2.0
-"""[s] Time in which the largest recent force fades; a smaller force does not surprise a person."""
+"""[s] Time in which the record of the largest recent force falls from the force limit to zero. A force below a recent
+one does not surprise a person.
+"""
 BEYOND = 1e6
 """[m, N] A message with a larger number is corrupt."""
 MESSAGE = Record(place=2, force=2, energy=1, serial=1)
 """Message of a side: hand position [m], NaN if invalid; force on the hand [N]; energy sent [J]; serial number."""
 LEAP = 100
-"""Largest number of messages lost in a row; after a larger leap of the serial, the next message must confirm it."""
+"""Largest accepted increase of the serial number; after a larger one, the next message must confirm it."""
 NUMBERS = Record(said=1, newest=1, heard=1)
-"""Serials of the last sent message, of the newest accepted message, and of the last received message."""
+"""Serial numbers of the last sent message, of the newest accepted message, and of the last received message."""
 LATEST = 1.0
 """[s] Longest time between two ticks for which energy is reserved."""
 
@@ -78,21 +83,21 @@ def watched_record(slots: int) -> Record:
 
 
 class ForceTick(NamedTuple):
-    """Functions of a tick; each column is a record, or the last force (2,)."""
+    """Functions of a tick; inputs and outputs are records, or the last force (2,)."""
 
     judge: ca.Function
     """`MODEL`, `watched_record`, last force (2,), `SAMPLE` -> `watched_record`, `VIEW`."""
     conclude: ca.Function
     """`MODEL`, last force, `VIEW`, `DESIRED` -> `SOLVED`, by the QP's closed form."""
     precompute: ca.Function
-    """`MODEL`, `VIEW`, `DESIRED` -> parameters of the QP, whether a QP is needed."""
+    """`MODEL`, `VIEW`, `DESIRED` -> parameters of the QP, and whether the QP is to be solved."""
     finish: ca.Function
     """`MODEL`, last force, `VIEW`, `DESIRED`, a solver's force, residual and number (4,) -> `SOLVED`."""
 
 
 @cache
 def force_tick(slots: int) -> ForceTick:
-    """Tick of every `BoundedForce`; the controller's parameters are in `MODEL`."""
+    """Functions of a tick for every `BoundedForce`; the parameters of a controller are in `MODEL`."""
     statement, precompute, finish = assistance_statement(), _precompute(), _finish()
     inputs = model, last, view, desired = finish.sx_in()[:4]
     parameters, _ = precompute(model, view, desired)
@@ -202,7 +207,11 @@ def _finish() -> ca.Function:
 
 @cache
 def affordable(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, last force (2,) -> largest force [N], energy [J], growth limit [N]."""
+    """Function: `MODEL`, `watched_record`, last force (2,) -> three values.
+
+    The values are the largest force [N] by energy and force limit, the remaining energy [J], and the largest force [N]
+    by the growth limit.
+    """
     model, watched, force = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("force", 2)
     ceiling, left = _affordable(_tank(watched.tank, model, slots), model)
     grown = _growth(watched.felt, force, model)[1]
@@ -222,7 +231,9 @@ def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
 
 @cache
 def anew(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, last and new force (4,) -> `watched_record` without a position."""
+    """Function: `MODEL`, `watched_record`, last and new force (4,) -> `watched_record` after a reset that does not
+    refill the tank.
+    """
     model, watched = MODEL.symbols("model"), watched_record(slots).symbols("watched")
     forces = ca.SX.sym("forces", 4)
     tank = _tank(watched.tank, model, slots).left_alone(forces[:2], model.dt, forces[2:])
@@ -245,11 +256,11 @@ def anew(slots: int) -> ca.Function:
 
 @cache
 def hear(slots: int) -> ca.Function:
-    """Function: `MODEL`, `watched_record`, `NUMBERS`, energy [J], serial, two numbers -> `watched_record`, `NUMBERS`,
-    both.
+    """Function: `MODEL`, `watched_record`, `NUMBERS`, message (4,) -> `watched_record`, `NUMBERS`, two values.
 
-    A message is new if its serial exceeds that of every accepted message, but by at most `LEAP` that of the newest or
-    last received one. Other messages give NaN and no energy.
+    The message holds an energy [J], a serial number and two values. It is new if its serial number is above that of
+    the newest accepted message, and at most `LEAP` above that of the newest accepted or the last received message. A
+    message that is not new gives NaN values and no energy.
     """
     model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
     numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))

@@ -3,8 +3,8 @@
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
 Here led is the commanded position, which delay and noise do not disturb. [low, high] is the low-passed range of led
-over the last LATE to 2 LATE, relative to led now. A servo with a delay or lag of up to LATE keeps its joint in this
-range; at rest the range is empty.
+over a past period of LATE to 2 LATE, relative to the present value of led. A servo with a delay or lag of up to LATE
+keeps its joint in this range; at rest the range has zero width.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ LATE = 0.1
 PULL = 10.0
 """[1/s] Rate of approach to the measured position; noise is multiplied by sqrt(PULL dt / 2)."""
 WINDOW, SHARE, PATIENCE, TICKS = 0.015, 0.08, 0.15, 5
-"""[rad or m] Commanded travel after which a joint is checked; fraction of it below which the joint counts as blocked;
-[s, ticks] time for which blocking is no fault.
+"""[rad or m] Commanded travel after which a joint is checked; fraction of this travel below which the joint counts as
+blocked; [s] and [ticks] time for which a blocked joint is no fault.
 """
 BEYOND = 0.3
 """[rad] Largest excess of a joint over its limit at the first sample; beyond it, whole turns are subtracted."""
@@ -39,8 +39,8 @@ NOISE = 1e-3
 JUMP = 0.015
 """[rad or m] Largest jump of a sample beyond twice the joint's largest motion in a tick."""
 SAID = Record(fault=1, joint=1, far=1, missing=1)
-"""Fault (0 for none), its joint, this joint's distance between measured and commanded position [rad or m], and whether
-the measured positions are impossible.
+"""Fault (0 for none); joint with the fault; distance of this joint between measured and commanded position [rad or m];
+whether the measured positions are impossible.
 """
 
 
@@ -48,9 +48,9 @@ the measured positions are impossible.
 def led_memory(n: int) -> Record:
     """Memory of a `FrontEnd` with n joints.
 
-    The memory holds the commanded positions and their range in the current and in the previous period of `LATE`; the
-    last measured positions; commanded and measured travel since the last check; duration of blocking [s]; age of the
-    period [s]; number of valid samples, at most 2; whether the base has moved.
+    The memory holds the commanded positions, and their range in the current and in the previous period of `LATE`; the
+    last measured positions; commanded and measured travel since the last check; time [s] for which each joint has been
+    blocked; age of the current period [s]; number of valid samples, at most 2; whether the base has moved.
     """
     ends = {"low": n, "high": n, "least": n, "most": n, "least_before": n, "most_before": n}
     return Record(led=n, **ends, seen=n, way=n, moved=n, blocked=n, span=1, known=1, placed=1)
@@ -59,13 +59,13 @@ def led_memory(n: int) -> Record:
 class FrontEnd:
     """Track the commanded positions of n joints at ticks of dt [s].
 
-    The first `base` joints are the position of a base, whose values are used directly and checked only after they first
-    change.
+    The first `base` joints are the coordinates of a mobile base. Their measured values are used directly, and are
+    checked only after they have changed for the first time.
 
     Attributes
     ----------
     size : length of the memory, see `led_memory`.
-    tick : memory, measured positions, last command (n,) -> memory, commanded positions (n,), `SAID`.
+    tick : function: memory, measured positions, last command (n,) -> memory, commanded positions (n,), `SAID`.
     """
 
     def __init__(self, chain: SerialChain, *, dt: float, max_age: float, base: int = 0) -> None:
@@ -84,8 +84,8 @@ class FrontEnd:
         near = ca.if_else(memory.known, ahead, ca.if_else(inside, measured, middle))
         turned = near + self.shortest(measured - near)
 
-        # Possible: between the last measurement and the position that the commands allow, `max_age` ahead included. The
-        # first sample is dropped if the second contradicts it.
+        # A measurement is possible between the last measurement and the position that the commands lead to within
+        # `max_age`. If the second sample contradicts the first one, the first is dropped.
         ends, step = _led_lately(memory, command, dt), turned - memory.seen
         further = ahead + max_age * command
         margin = ca.DM(np.where(np.arange(n) < base, MAX_MAGNITUDE, 2 * chain.velocity * dt + JUMP))
@@ -110,7 +110,7 @@ class FrontEnd:
         watched = (arm + (1 - arm) * placed) * same
         way = watched * (memory.way + dt * command)
         moved = watched * (memory.moved + ca.if_else(possible, step, 0))
-        pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # moved by something else than the command
+        pushed = ca.fabs(moved) > 2 * ca.fabs(way) + WINDOW / 2  # something else than the command moves it
         # At the end of a window, or sooner if the joint clearly follows.
         told = ca.logic_and(ca.fabs(way) > WINDOW / 3, ca.logic_not(pushed))
         lags = ca.logic_and(told, ca.sign(way) * moved < SHARE * ca.fabs(way))
@@ -136,7 +136,7 @@ class FrontEnd:
         self.tick = ca.Function("led_joints", inputs, [ca.densify(each) for each in outputs], {"cse": True})
 
     def shortest(self, way: ca.SX) -> ca.SX:
-        """Differences (n,) [rad or m] without whole turns."""
+        """Joint differences `way` (n,) [rad or m] without whole turns."""
         return way - self._turn * ca.floor(way / (2 * math.pi) + 0.5)
 
 

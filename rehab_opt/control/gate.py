@@ -1,4 +1,4 @@
-"""Gate of assistance as functions for Python and C, after Eq. 23 and section VI of Rossa et al."""
+"""Gate of the assistance force, as functions for Python and C, after Eq. 23 and section VI of Rossa et al."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ DesiredForce = Callable[[float, float, float, float], tuple[float, float]]
 PULL_BACK = Record(stiffness=1, force=1)
 """Pull of a hand back to the nearest point of a workspace: stiffness [N/m] and largest force [N]."""
 GATE = Record(acts_inside=1, pull_limit=1, onset=1, back=PULL_BACK.size)
-"""Whether the field acts inside the workspace; its largest pull [N]; distance [m] outside the boundary over which it
-grows to full size; pull back.
+"""Whether the field acts inside the workspace; largest pull of the field [N]; distance [m] outside the boundary over
+which the field's force grows to full size; `PULL_BACK`.
 """
 SPRING = Record(stiffness=1, damping=1)
 """Stiffness [N/m] and damping [N s/m]."""
@@ -54,7 +54,7 @@ def check_mode(mode: Mode, field: PotentialField) -> None:
     if mode not in get_args(Mode):
         raise ConfigurationError("mode", mode, f"one of {', '.join(get_args(Mode))}")
     resists = field.drag < 0 or (field.drag > 0 and field.drag_along == "travelled")
-    if mode == "resist" and not resists and field.drag == field.drag:  # unknown for a learnt field
+    if mode == "resist" and not resists and field.drag == field.drag:  # NaN, unknown, for a learnt field
         raise ConfigurationError("mode", mode, "another mode, or a field with drag against the motion")
     if mode != "resist" and resists:
         raise ConfigurationError("mode", mode, "'resist' for a field that drags against the motion")
@@ -67,14 +67,15 @@ def numbers_of(field: PotentialField) -> Array:
 
 @cache
 def gated_force(edges: int, samples: int, *, in_blocks: bool = True) -> ca.Function:
-    """Function of the desired force: the field, gated by the mode.
+    """Function that computes the desired force: the force of a field, gated by the mode.
 
-    The modes stretch, assist and resist apply the field outside the comfortable workspace, growing over the onset. The
-    modes follow and hold apply the field inside; outside, a bounded force pulls the hand back. A NaN offset of the
-    field gives NaN. The field's pull is limited to `pull_limit` [N] before the damping is subtracted.
+    The modes stretch, assist and resist apply the field outside the comfortable workspace; the force grows over the
+    distance `onset`. The modes follow and hold apply the field inside; outside, a bounded force pulls the hand back. A
+    NaN offset of the field gives NaN. The field's pull is limited to `pull_limit` [N] before the damping is subtracted.
 
     Inputs: position [m] and velocity [m/s] of the hand (4,), offset of the field (2,) [m], `GATE`, `edge_columns` of
-    the workspace, `FIELD`, its samples (`in_blocks`: for `field_function_in_blocks`). Output: desired force (2,) [N].
+    the workspace, `FIELD`, samples of the field. With `in_blocks`, the samples are those of `field_function_in_blocks`.
+    Output: desired force (2,) [N].
     """
     pull = field_function_in_blocks(samples) if in_blocks else field_function(samples)
     inputs = [ca.MX.sym("input", pull.sparsity_in(i)) for i in range(3)]
@@ -111,7 +112,9 @@ def _gated() -> ca.Function:
 
 @cache
 def guided_force(edges: int) -> ca.Function:
-    """Function of a spring to a path point, damped only across the path, inside the workspace; see `gated_force`.
+    """Function that computes the desired force of a spring to a path point, damped only across the path.
+
+    The force is gated as in `gated_force`.
 
     Inputs: position [m] and velocity [m/s] of the hand (4,), path point (2,) [m], direction of the path there (2,),
     fraction of the force, `SPRING`, `GATE`, `edge_columns` of the workspace. Output: desired force (2,) [N].
@@ -134,11 +137,11 @@ def guided_force(edges: int) -> ca.Function:
 
 @cache
 def reflected_force(edges: int) -> ca.Function:
-    """Function that maps a force at the hand's image to the hand, by the map's transposed Jacobian, with damping.
+    """Function that maps a force at the hand's image back to the hand, by the map's transposed Jacobian, with damping.
 
     Inputs: position [m] and velocity [m/s] of the hand (4,), Jacobian there (2, 2), force at the image (2,) [N],
-    damping [N s/m], `PULL_BACK`, `edge_columns` of the workspace. Output: desired force (2,) [N], a pull back outside
-    the workspace.
+    damping [N s/m], `PULL_BACK`, `edge_columns` of the workspace. Output: desired force (2,) [N]; outside the workspace
+    it pulls the hand back.
     """
     hand, jacobian, felt, damping = (ca.SX.sym("input", *size) for size in ((4, 1), (2, 2), (2, 1), (1, 1)))
     back, where = PULL_BACK.symbols("back"), ca.SX.sym("where", 3)

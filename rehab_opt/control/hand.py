@@ -1,4 +1,4 @@
-"""Checked position and velocity of a hand, and the energy that it drew meanwhile."""
+"""Checked position and velocity of a hand, and the energy that the hand drew since the last sample."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ ROUNDING = 1e-12
 SCATTER_RATE, MAX_SCATTER = 0.01, 2e-3
 """[m/s, m] Learning rate of the scatter of positions, and largest scatter that counts as noise."""
 SCATTER_PEAK = 3.6
-"""Ratio of the peak noise between two samples (six standard deviations) to the scatter (the median, 1.67 of them)."""
+"""Ratio of the peak noise between two samples to the scatter: 6 standard deviations to a median of 1.67."""
 SAMPLE = Record(x=2, v=2, v_given=1, stamp=1, kind=1, enable=1)
 """Sample of a hand: position [m], velocity [m/s], whether a velocity is passed, stamp [s] and its kind (see
 `stamp_and_kind`), dead man's switch.
 """
 HAND = Record(x=2, v=2, estimated=2, halfway=2, scatter=1, stamp=1)
-"""Memory of a hand: last valid position [m], NaN at first; velocity; estimated velocity, and output of the first of its
-two filters [m/s]; median distance of samples from the prediction [m]; stamp [s], NaN at first.
+"""Memory of a hand: last valid position [m], NaN at first; velocity [m/s]; estimated velocity [m/s]; output of the
+first of the two velocity filters [m/s]; median distance of samples from their prediction, called scatter [m]; stamp
+[s], NaN at first.
 """
 
 
@@ -48,9 +49,9 @@ class HandState(NamedTuple):
 def looked_at(
     memory: Values, tank: EnergyTank, sample: Values, *, force: ca.SX, stale: tuple[ca.SX, ca.SX], model: Values
 ) -> HandState:
-    """Process one sample of a hand, after `force` (2,) [N] has acted since the last one.
+    """Process one sample of a hand; `force` (2,) [N] has acted since the last sample.
 
-    `stale` has the watchdog's reason and details, `model` the numbers of `force_tick.MODEL`.
+    `stale` holds the watchdog's reason and its details, `model` the values of `force_tick.MODEL`.
     """
     cap = model.speed_cap
     timed = ca.logic_and(sample.kind == NUMBER_OF_SECONDS, ca.fabs(sample.stamp) < ca.inf)

@@ -20,15 +20,15 @@ __all__ = ["GuardedPoint", "HandBounds", "KeepOut", "guarded_points"]
 Array = NDArray[np.float64]
 
 SAMPLES = 5
-"""Number of random postures; balls that coincide at all of them are taken as one."""
+"""Number of random postures; balls that coincide at all these postures count as one."""
 SAME = 1e-9
 """[m] Smaller differences of distances count as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandBounds:
-    """Manipulability floor, a fraction of `max_manipulability`, and keep-out planes for the `guarded_points` of one
-    arm.
+    """Limits of one arm: a manipulability floor, as a fraction of `max_manipulability`, and keep-out planes for the
+    `guarded_points`.
     """
 
     chain: SerialChain
@@ -56,7 +56,7 @@ class HandBounds:
         return guarded_points(self.chain)
 
     def manipulability(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Ratio w / w_max and its gradient (n,)."""
+        """Manipulability ratio w / w_max, and its gradient (n,)."""
         w, gradient = self.chain.manipulability_expression(q), self.chain.manipulability_gradient_expression(q)
         return w / self.max_manipulability, gradient / self.max_manipulability
 
@@ -100,10 +100,10 @@ class GuardedPoint(NamedTuple):
 
 
 def guarded_points(chain: SerialChain) -> tuple[GuardedPoint, ...]:
-    """Balls that represent the whole arm beside a plane: if they are clear of the plane, so is the arm.
+    """Balls that represent the whole arm beside a plane: if the balls are clear of the plane, so is the arm.
 
-    The balls are the ends of the capsules, and the origins of tool (first) and frames. A ball that lies inside another
-    is left out.
+    The balls are the ends of the capsules, and the origins of all frames; those of the tool come first. A ball that
+    lies inside another one is left out.
     """
     origin = (0.0, 0.0, 0.0)
     balls = [GuardedPoint(frame, origin, 0.0) for frame in range(chain.n + 2)]

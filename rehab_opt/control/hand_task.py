@@ -1,4 +1,4 @@
-"""Task of chair and arm for a stick's twist: rows, direction, speed, motion off the direction, and Honzik's Eq. 1."""
+"""Task of chair and arm for the twist that a stick commands: task rows, and joint velocities by Honzik's Eq. 1."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 """Task rows: hand velocity along and about the axes of the chosen frame, and about the wrist's own axis z7."""
 FRAMES = {"chassis": 0.0, "world": 1.0}
 PRICE = 2.0
-"""[m/s] Price per m/s of missing hand speed; the price of kinetic energy over mass is about 1."""
+"""[m/s] Price per m/s of missing hand speed; for comparison, kinetic energy over mass has a price of about 1."""
 STEEP = 1e3
 """[m/s] Largest price. Smaller prices follow the marginal cost of Eq. 1, which is large near singular postures."""
 OFF = 20.0
@@ -34,16 +34,16 @@ CALM = 0.02
 STRAIGHT, BACK = 0.27, 0.05
 """Largest hand speed at the stop posture across and against the command, as fractions of the commanded speed."""
 BARELY, ASIDE, UPHILL = 0.01, 0.06, 0.05
-"""If Eq. 1 increases c faster than `UPHILL` per second, joint speeds are limited to the fraction (h^2 / h' - h') /
-`ASIDE`. Here h [m/s] is the hand speed at full joint speeds, and h' is `BARELY` times the commanded speed. The joints
-thus stop before the singular posture, so a reversed stick leads back to the side that c prefers.
+"""If Eq. 1 increases its posture cost c faster than `UPHILL` per second, joint speeds are limited to the fraction
+(h^2 / h' - h') / `ASIDE`. Here h [m/s] is the hand speed at full joint speeds, and h' is `BARELY` times the commanded
+speed. The joints thus stop before the singular posture, so a reversed stick leads back to the side that c prefers.
 """
 ROUNDING = 1e-9
 """Relative margin of a velocity change to the acceleration limit."""
 TINY = 1e-12
 """[m/s] Speeds below this count as zero."""
 POSTURES, DEPENDENT = 3, 1e-6
-"""Number of postures for the rank of the rows; singular value below which rows are dependent."""
+"""Number of postures at which the rank of the rows is computed; singular value below which rows are dependent."""
 
 
 class Task(NamedTuple):
@@ -52,9 +52,9 @@ class Task(NamedTuple):
     jacobian: ca.SX
     """(k, n) J at mid-tick."""
     inertia: ca.SX
-    """Upper triangle of W (n, n), divided by the robot's mass."""
+    """Upper triangle of the inertia W (n, n), divided by the robot's mass."""
     target: ca.SX
-    """(n,) velocity from which deviations are weighted with W."""
+    """(n,) t; the QP weights deviations from these velocities with W."""
     analytic: ca.SX
     """(n,) answer without active bounds."""
     dual: ca.SX
@@ -70,11 +70,11 @@ class Task(NamedTuple):
     price: ca.SX
     """[m/s] Price per m/s of missing hand speed."""
     turning: ca.SX
-    """(k,) w, hand motion off the command that is allowed in this tick."""
+    """(k,) w: hand velocity off the commanded direction that is allowed in this tick."""
     error: ca.SX
-    """(k,) e/|e|; e is the further motion off the command that braking leaves."""
+    """(k,) e/|e|, where e is the further hand velocity off the commanded direction that braking leaves."""
     off: ca.SX
-    """|e|, upper bound of `off`."""
+    """|e|, the upper bound of the QP's variable `off`."""
     ahead: ca.SX
     """(k, n) rows of the hand's velocity at the stop posture, between `ahead_lower` and `ahead_upper` (k,)."""
     ahead_lower: ca.SX
@@ -93,7 +93,7 @@ class HandTask:
     self_motion: float
 
     def rank(self) -> int:
-        """Number of independent rows at the best of a few postures."""
+        """Largest number of independent rows at a few random postures."""
         arm = ca.SX.sym("arm", self.robot.chain.n - CHAIR)
         rows = ca.Function("rows", [arm], [self.task_jacobian(arm, turned=ca.SX(0), heading=ca.SX(0))[:, self.moving]])
         postures = np.random.default_rng(0).uniform(-1, 1, (POSTURES, arm.numel()))
@@ -116,7 +116,7 @@ class HandTask:
         size, left = ca.norm_2(commanded), braking.slower(ca.SX(1))
         direction = commanded / ca.fmax(size, TINY)
 
-        # Eq. 1, and Eq. 5 without the left speed: u = W^-1 J' y - v grad c with J u = r. Then the smallest
+        # Eq. 1, and Eq. 5 without the sideways speed: u = W^-1 J' y - v grad c with J u = r. Then the smallest
         # change that gives the same r at mid-tick.
         weigh = solver_of(inertia[moving, moving])
 
@@ -137,7 +137,7 @@ class HandTask:
         soft, firmness = firm(jacobian)
         change = firmness(commanded - jacobian @ free)
         law = free + self._spread(soft @ change)
-        # Continue as before, and from there as far towards Eq. 1 as the accelerations allow.
+        # From the last motion as far towards Eq. 1 as the accelerations allow.
         hand = before @ last
         along = clipped(ca.dot(direction, hand), 0, sought)
         aside = hand - along * direction
@@ -151,7 +151,7 @@ class HandTask:
         part = ca.if_else(valid, part, 1)
         turning = tick.once(ca.if_else(valid, (1 - part) * left * aside, 0))
         speed = tick.once(along + part * (sought - along))
-        # Motion off the command that hard braking leaves; always feasible.
+        # Motion off the commanded direction that hard braking leaves; always feasible.
         error = jacobian @ base - turning
         error -= clipped(ca.dot(direction, error), 0, speed) * direction
         off = ca.if_else(size > 0, ca.norm_2(error), 0)  # without a command all joints brake
@@ -180,7 +180,10 @@ class HandTask:
         self, tick: Stages, q: ca.SX, last: ca.SX, direction: ca.SX, size: ca.SX, *, left: ca.SX, world: ca.SX,
         base: ca.SX, braking: BrakingTogether,
     ) -> Row:  # fmt: skip
-        """Rows (k, n) of the hand's velocity J u at the stop posture, and bounds (k,), as tangents at `slower`."""
+        """Rows (k, n) of the hand's velocity J(z) u at the stop posture z = q + T u, with bounds (k,).
+
+        The rows are linearised at the velocity after one tick of braking.
+        """
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         place = q + braking.time * each
         heading = ca.if_else(world, place[2], 0)
@@ -206,7 +209,7 @@ class HandTask:
 
     @staticmethod
     def _square(direction: ca.SX) -> ca.SX:
-        """Orthonormal rows (k - 1, k) orthogonal to `direction` (k,): Householder reflection."""
+        """Orthonormal rows (k - 1, k), all orthogonal to `direction` (k,), by a Householder reflection."""
         first = direction[0]
         mirror = direction + ca.vertcat(ca.if_else(first < 0, -1, 1), ca.SX.zeros(direction.numel() - 1))
         return (ca.SX.eye(direction.numel()) - mirror @ mirror.T / (1 + ca.fabs(first)))[1:, :]
@@ -218,10 +221,10 @@ class HandTask:
         return every
 
     def task_jacobian(self, arm: ca.SX, *, turned: ca.SX, heading: ca.SX) -> ca.SX:
-        """Jacobian (k, n) of the stick's rows at given arm joints; the chair's velocities are in its own frame.
+        """Jacobian (k, n) of the task rows at the arm's joints `arm`.
 
-        turned : [rad] turn of the chair since the frame of its velocities. heading : [rad] of that frame in the rows'
-            frame.
+        turned : [rad] rotation of the chair relative to the frame of its velocities.
+        heading : [rad] rotation of that frame relative to the frame of the task rows.
         """
         posture = ca.vertcat(0, 0, turned, arm)
         jacobian, pose = self.robot.chain.jacobian_expression(posture), self.robot.chain.pose_expression(posture)
@@ -232,14 +235,14 @@ class HandTask:
 
     @property
     def fastest(self) -> float:
-        """Upper bound [m/s or rad/s] of the hand's speed in all rows, to which commands are scaled down."""
+        """Upper bound [m/s or rad/s] of the hand's speed in all rows; faster commands are scaled down to it."""
         reach = sum(row.across + abs(row.along) for row in self.robot.chain.rows[CHAIR - 1 :])
         reach += float(np.linalg.norm(self.robot.chain.tool[:3, 3]))
         return float(self.robot.chain.velocity[0] + (1 + reach) * np.sum(self.robot.chain.velocity[CHAIR - 1 :]))
 
 
 def frame_number(frame: str) -> float:
-    """Frame of the task rows for the QP: 0 is the chassis frame, 1 the world's."""
+    """Number of a frame of the task rows in the QP: 0 for the chassis frame, 1 for the world frame."""
     world = FRAMES.get(frame) if isinstance(frame, str) else None
     if world is None:
         raise ConfigurationError("frame", frame, "chassis or world")

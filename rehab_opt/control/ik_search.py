@@ -28,7 +28,7 @@ CANDIDATES = 32
 DISTANCE_PRICE = 20.0
 """[1/m] Weight of a candidate's distance, relative to its posture cost, in the ranking."""
 SHARPNESS = 100.0
-"""Factor on the squared distance in the last solve, so that the gradient's tolerance means micrometres."""
+"""Factor on the squared distance in the last solve; the tolerance on its gradient then corresponds to micrometres."""
 FAR = 1e4
 """[m] Targets further away are moved to this distance, since rounding of squares would hide the arm."""
 
@@ -37,7 +37,7 @@ UNBOUNDED = 1e6
 
 
 class IKSearch:
-    """Searches over the k joints of an arm that can move, at least one; parameters as in `ArmIK`."""
+    """Searches over the k movable joints of an arm, k >= 1; parameters as in `ArmIK`."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class IKSearch:
 
     # ----------------------------------------------------------------------------------------------- statements
     def pose_posture(self, target: Array, quadratic: Quadratic) -> None:
-        """Set the posture problem: hand at `target` (3,), cost `quadratic` over all n joints."""
+        """Set the posture problem: put the hand at `target` (3,) [m] at least cost; `quadratic` covers all n joints."""
         self._target[:] = target
         if quadratic is not self._quadratic:
             weight = quadratic.weight[self.free]
@@ -95,14 +95,14 @@ class IKSearch:
         return solver.solve(start, multipliers)
 
     def manipulability_cost(self, x: Array) -> float:
-        """Manipulability part of the posture cost at free joints `x` (k,)."""
+        """Manipulability term of the posture cost at free joints `x` (k,)."""
         return self._dexterity * float(self.statements.square(x, self.still)) if self._manipulability else 0.0
 
     # ------------------------------------------------------------------------------------------------- searches
     def posture(self, target: Array, near: Array | None = None, *, patient: bool = False) -> NLPAnswer | None:
-        """Cheapest certified answer from several starts; given `near` (k,), that of smallest change.
+        """Certified answer of least cost from several starts; with `near` (k,), the answer nearest to that posture.
 
-        `patient` continues until a start succeeds.
+        If `patient`, the search tries further starts until one succeeds.
         """
         postures, distances = self.table.near(target, CANDIDATES)
         if near is None:
@@ -123,9 +123,10 @@ class IKSearch:
         return best
 
     def nearest(self, target: Array, near: Array | None = None) -> NLPAnswer | None:
-        """Posture with the hand nearest to `target` and the handle in its cone, best of many starts; or None.
+        """Posture whose hand is nearest to `target`, with the handle in its cone: the best answer from many starts.
 
-        The answer from `near` (k,) is preferred unless another start comes closer by a micrometre.
+        The answer from `near` (k,) is preferred unless another start comes closer by a micrometre. None means that no
+        start gave a posture with the handle in its cone.
         """
         plain, sharp = self._nearest_parameters(target), self._nearest_parameters(target, SHARPNESS)
         starts, _ = self.table.near(target, self.nearest_starts)
@@ -168,14 +169,14 @@ class IKSearch:
 
     @property
     def min_tilt(self) -> NLPAnswer | None:
-        """Posture with the most upright handle if none is within the cone, else None."""
+        """Posture with the most upright handle, if no posture holds the handle in its cone; otherwise None."""
         _ = self.table
         return self._min_tilt
 
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property
     def _dexterity(self) -> float:
-        """Weight of the squared manipulability, relative to its mean over the range of motion."""
+        """Weight of the squared manipulability, divided by its mean over the range of motion."""
         if not self._manipulability:
             return 0.0
         postures = self.table.postures
@@ -213,7 +214,7 @@ class IKSearch:
 
 
 def within_reason(target: Array) -> Array:
-    """Finite `target` (3,), moved to at most `FAR` along its direction."""
+    """Finite `target` (3,) [m]; a very distant one is moved along its direction to the distance `FAR`."""
     largest = float(np.abs(target).max())
     if largest <= FAR:
         return target
@@ -226,18 +227,18 @@ ALIGNMENT_STEPS = 10
 MAX_STEP = 0.5
 """[rad] Largest change of a joint in one alignment step."""
 SLACK = math.radians(3.0)
-"""[rad] Tolerance of the handle's cone for starts."""
+"""[rad] Start postures may exceed the handle's largest tilt by this much."""
 
 
 class PostureTable:
-    """Postures over an arm's range of motion with the handle upright, as starts of searches; deterministic.
+    """Start postures of searches: they cover an arm's range of motion with an upright handle. Deterministic.
 
     `size` is the number of samples; a power of two keeps the Sobol sequence balanced.
 
     Attributes
     ----------
-    postures : (N, k) [rad] free joints, inside their limits. hands : (N, 3) [m].
-    tilts : (N,) [rad] of the handle; postures outside the cone are sorted by tilt.
+    postures : (N, k) [rad] free joints, inside their limits. hands : (N, 3) [m] hand positions.
+    within : whether any sample holds the handle in its cone. most_upright : (<= 32, k) [rad] most upright samples.
     """
 
     def __init__(self, arm: SerialChain, statements: IKStatements, *, handle_tilt: float | None, size: int) -> None:
@@ -272,7 +273,10 @@ class PostureTable:
         self._keep(np.ones(len(postures), dtype=bool), postures, np.concatenate([self.hands, hands]))
 
     def near(self, target: Array, count: int) -> tuple[Array, Array]:
-        """Postures (<= count, k) with the hand nearest to `target` (3,), and distances [m], nearest first."""
+        """The `count` postures (count, k) whose hands are nearest to `target` (3,), and their distances [m].
+
+        The nearest posture comes first. There are fewer postures if the table has fewer.
+        """
         count = min(count, len(self.postures))
         if count == 0:
             return self.postures, np.zeros(0)
@@ -281,14 +285,14 @@ class PostureTable:
 
 
 def _measured(statements: IKStatements, postures: Array, still: Array) -> tuple[Array, Array, Array]:
-    """Hands (N, 3), handle axes (N, 3) and d(axis_x, axis_y)/dx (N, 2, k)."""
+    """Hand positions (N, 3), handle axes (N, 3), and derivatives (N, 2, k) of the axes' x and y by the free joints."""
     n, k = postures.shape
     hands, axes, slopes = (each.full() for each in statements.measure.map(n)(postures.T, np.tile(still[:, None], n)))
     return hands.T, axes.T, slopes.reshape(2, n, k).transpose(1, 0, 2)
 
 
 def _alignment(axes: Array, slopes: Array, limit: float) -> Array:
-    """Damped Gauss-Newton step (N, k) of the axis towards the cone of half the limit."""
+    """Damped Gauss-Newton step (N, k) that turns the handle's axis into its cone."""
     horizontal = np.hypot(axes[:, 0], axes[:, 1])
     excess = axes[:, :2] * (1 - math.sin(min(limit, math.pi / 2)) * 0.7 / np.maximum(horizontal, 1e-12))[:, None]
     # Upside down, shrinking components would turn the handle away from upright, so they grow instead.

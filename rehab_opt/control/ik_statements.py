@@ -4,8 +4,8 @@
     nearest   min distance^2          s.t.                      handle within its tilt of vertical, joint limits
     upright   min 1 - x_n . z_0       s.t.                                                          joint limits
 
-Here x_n is the handle's axis and z_0 the vertical. The Euler angles of Rossa et al. (Eqs. 4 and 5) are singular for an
-upright handle.
+Here x_n is the handle's axis and z_0 the vertical. The Euler angles of Rossa et al. (Eqs. 4 and 5) are not used, since
+they are singular for an upright handle.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ class IKStatements:
 
     Attributes
     ----------
-    posture : report [distance from the target [m], handle tilt [rad]].
+    posture : NLP whose report is [distance from the target [m], handle tilt [rad]].
         Parameters: lower (k,), upper (k,), still (n,), tilt, target (3,), weight (k,), centre (k,), dexterity.
-    nearest : the same report. Parameters: lower, upper, still, tilt, target, scale.
-    upright : the same report. Parameters: lower, upper, still, tilt, target.
+    nearest : NLP with the same report. Parameters: lower, upper, still, tilt, target, scale.
+    upright : NLP with the same report. Parameters: lower, upper, still, tilt, target.
     free : (k,) indices of the joints that can move. fixed_size : number of parameter values before the target.
     """
 

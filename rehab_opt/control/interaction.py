@@ -5,10 +5,11 @@ The admittance is passive: its step is implicit, and projections onto convex set
 
     F . dx >= E_after - E_before + B |x'|^2 dt
 
-A real hand is delayed and limited by bounds. Therefore an energy tank T, with `reserve` at first, adds up the work of
-the measured forces. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`, with the hand's motion dy relative to
-its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows. So a hand at its measured
-position delivers at most reserve + 0.02 W t within a time t from rest, plus energy under way when the tank ran empty.
+A real hand is delayed and limited by bounds. Therefore an energy tank T, which holds `reserve` at first, sums up the
+work of the measured forces. Each tick adds F . dy - dE + 0.02 W dt to T, up to `reserve`, with the hand's motion dy
+relative to its reference. The 0.02 W compensate noise. As T falls, the damping B reserve / T grows. So if the measured
+positions are right, the hand delivers at most reserve + 0.02 W t within a time t from rest, plus the energy under way
+when the tank runs empty.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 GONE = 1e-6
 """[m] Displacements up to this count as zero once no force is measured."""
 SLACK = 5e-3
-"""[m] Anti-windup: a displacement leads the hand by at most this and two ticks' motion."""
+"""[m] Anti-windup: the displacement is ahead of the hand by at most this length plus the motion in two ticks."""
 STIFFER = 1e-4
 """Fraction of the reserve below which the damping no longer grows; the hand then hardly moves."""
 REGAIN = 0.5
@@ -54,16 +55,17 @@ FINE, INVALID, AT_LIMIT = range(3)
 
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
-    """Admittance of a robot hand, M x'' + B x' + K x = F, with slowing of its reference and a stop of the arm.
+    """Admittance of a robot hand, M x'' + B x' + K x = F; large forces slow its reference down and stop the arm.
 
-    The hand's QP follows the pose and twist plus displacement x and velocity x'. Displacement that the bounds refuse
-    beyond `SLACK` is removed from x. The reference slows down from the force `slow_from` and stands still at `limit`.
-    At `stop_at`, or without a valid force, the arm decelerates to rest. The arm continues after `hold` seconds below
-    `release` x `stop_at`.
+    The hand's QP follows the reference pose plus the displacement x, with the reference twist plus the velocity x'. If
+    bounds keep the hand from following x, the missing displacement beyond `SLACK` is removed from x. The reference
+    slows down from the force `slow_from` on and stands still at `limit`. At `stop_at`, or without a valid force, the
+    arm decelerates to rest. The arm continues after the force has stayed below `release` x `stop_at` for `hold`
+    seconds.
 
-    ISO/TS 15066 is quoted with 140 N at a hand of healthy adults. A reference out of reach pulls with K times its
-    distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected: below `stop_at` the hand
-    yields to any force.
+    The default of `stop_at`, 140 N, is quoted from ISO/TS 15066 for a hand of healthy adults. A reference out of reach
+    pulls with K times its distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected: below
+    `stop_at` the hand yields to any force.
     """
 
     slow_from: float = 8.0
@@ -152,7 +154,7 @@ class Interaction:
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """Displacement and velocity without the part that the hand did not follow; `away` is hand minus reference."""
+        """Displacement and velocity, reduced to what the hand followed; `away` (3,) [m] is hand minus reference."""
         refused = moved - away
         missing = ca.norm_2(refused)
         way = refused / ca.fmax(missing, 1e-12)
@@ -167,7 +169,7 @@ class Interaction:
         return FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.reserve})
 
     def too_large(self, felt: Array) -> str:
-        """Reason text of a stop for the force in a `FELT`."""
+        """Text of the reason for a stop, with the force in the `FELT` record `felt`."""
         size = math.hypot(*felt[FELT.places["force"]].tolist())
         if size >= self.stop_at:
             return f"interaction force of {size:.1f} N, at most {self.stop_at:g} N"

@@ -29,12 +29,12 @@ __all__ = ["JerkBounds"]
 Array = NDArray[np.float64]
 
 MARGIN = 0.03
-"""Margin before a limit as a fraction of J dt^3; 0.0225 is the largest that was ever needed."""
+"""Margin before a limit as a fraction of J dt^3; the largest margin that was ever needed is 0.0225."""
 TINY = 1e-300
 
 
 class JerkBounds(NamedTuple):
-    """Bounds of joint velocities of a chain at ticks of dt [s].
+    """Bounds on the joint velocities of a chain whose drives have bounded jerk, at ticks of dt [s].
 
     `jerk` (n,) [rad/s^3 or m/s^3] is positive and finite. `recovery_speed` is the speed, as a fraction of the velocity
     limit, at which a joint outside its limits returns.
@@ -47,7 +47,7 @@ class JerkBounds(NamedTuple):
 
     @classmethod
     def checked(cls, chain: SerialChain, jerk: ArrayLike, dt: float, recovery_speed: float) -> JerkBounds:
-        """Checked bounds from a scalar or (n,) jerk; `ConfigurationError` if not positive and finite."""
+        """Bounds from a jerk, scalar or (n,); one that is not positive and finite raises `ConfigurationError`."""
         bound = per_joint("jerk", jerk, chain.n, finite=True)
         if not np.all(bound > 0):
             raise ConfigurationError("jerk", jerk, "positive numbers, or None for no bound")
@@ -68,9 +68,9 @@ class JerkBounds(NamedTuple):
         return ca.fmin(ca.DM(self.jerk), 2 * self._change / self.dt)
 
     def interval(self, q: ca.SX, last: ca.SX, acceleration: ca.SX) -> VelocityBounds:
-        """Intervals from positions q, last velocities and last accelerations [rad/s^2], (n,) each.
+        """Velocity intervals at positions q, after the last velocities and last accelerations [rad/s^2], (n,) each.
 
-        The braking interval is one velocity: the next one of the shortest stop.
+        The braking interval is a single velocity: the one that begins the shortest stop.
         """
         dt, most, jerk = self.dt, self._change, self._jerk
         movable = ca.DM(~self.chain.locked)
@@ -95,7 +95,7 @@ class JerkBounds(NamedTuple):
         brake_lower = ca.if_else(below, clipped(rest_down, lower, final), -down)
         stop_upper = ca.if_else(above, led_up, ca.if_else(free_up, speed, up))
         stop_lower = ca.if_else(below, led_down, ca.if_else(free_down, -speed, -down))
-        # The return comes after the bound that ends a change in time for the recovery or largest speed.
+        # The return has a lower priority than ending the acceleration in time for the recovery or largest speed.
         lower, upper = (
             ca.if_else(below, clipped(led_down, lower, upper), -down),
             ca.if_else(above, clipped(led_up, lower, upper), up),
@@ -124,14 +124,16 @@ class JerkBounds(NamedTuple):
         return least, most
 
     def _up_to(self, last: ca.SX, ceiling: ca.SX | float) -> ca.SX:
-        """(n,) largest velocity from which the acceleration can end before the velocity passes a ceiling."""
+        """(n,) largest velocity from which the acceleration can end before the velocity exceeds `ceiling`."""
         dt, jerk = self.dt, self._jerk
         room = ceiling - last - 0.5 * jerk * dt**2
         change = 0.5 * jerk * dt + jerk * (ca.sqrt(dt**2 + 2 * ca.fmax(room, 0) / jerk) - dt)
         return ca.if_else(room >= 0, last + dt * change, ceiling)
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(n,) largest velocity that can stop before the limit; whether the whole interval can stop."""
+        """Two results (n,): the largest velocity in the interval from `first` to `final` from which the joint stops
+        before `limit`; whether it does so from the whole interval.
+        """
         near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # a joint at rest within the margin may stay
 
         def beyond(u: ca.SX) -> ca.SX:
@@ -142,7 +144,7 @@ class JerkBounds(NamedTuple):
 
         least, most = beyond(first), beyond(final)
         u = chord(first, least)
-        u = ca.if_else(least >= 0, first, chord(u, beyond(u)))  # one alone is late
+        u = ca.if_else(least >= 0, first, chord(u, beyond(u)))  # a single chord brakes late
         return ca.if_else(most <= 0, final, u), most <= 0
 
     def _stop(self, u: ca.SX, last: ca.SX, q: ca.SX) -> ca.SX:

@@ -1,4 +1,4 @@
-"""A two-axis stick, switched between pairs of task rows: section 4, Honzik."""
+"""Two-axis stick that a button switches between pairs of task rows (Honzik, section 4)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEBOUNCE = 0.15
 
 
 class StickMode(NamedTuple):
-    """Task rows that the two axes of the stick (forward, left) move."""
+    """Mode of the stick: the task rows that its two axes (forward, left) move."""
 
     name: str
     rows: tuple[str, str]
@@ -37,19 +37,19 @@ class StickMode(NamedTuple):
 
     @property
     def task_rows(self) -> tuple[str, ...]:
-        """Two rows of the stick and the held ones, in the order of `ROWS` if any are held."""
+        """The stick's two rows and the held rows; if any rows are held, in the order of `ROWS`."""
         return tuple(row for row in ROWS if row in (*self.rows, *self.held)) if self.held else self.rows
 
 
 STICK_MODES = (StickMode("plane", ("x", "y"), (0.25, 0.25)), StickMode("lift", ("z", "roll7"), (0.15, 0.6)))
-"""Modes of the paper; the speeds are our choices."""
+"""Modes of Honzik's paper; the speeds are our choices."""
 
 
 class StickCommand(NamedTuple):
     """User's command, as arguments of `RedundancyResolver.step`."""
 
     twist: Array
-    """(k,) [m/s or rad/s], read-only; zero without a command, and for held rows."""
+    """(k,) [m/s or rad/s] hand velocity, read-only; zero without a command, and in held rows."""
     rows: tuple[str, ...]
     frame: str
     """Always the chair's frame, so that the stick keeps its meaning as the chair turns."""
@@ -69,7 +69,7 @@ class Joystick(OneThread):
     ----------
     modes : at least one; the switch cycles through them. dt : tick [s].
     dead_zone : fraction of the deflection that counts as zero.
-    rate : [1/s] largest rate of the deflection, whose full size is 1.
+    rate : [1/s] largest rate of change of the deflection, whose full size is 1.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Joystick(OneThread):
 
 
 def stepped_towards(last: Array, target: Array, most: float) -> Array:
-    """`target`, or the point towards it at most `most` from `last`; zero at once for a zero target."""
+    """Point at most `most` away from `last` on the way to `target`; a zero target is reached at once."""
     way = target - last
     size = float(np.linalg.norm(way))
     if size <= most or not target.any():
@@ -162,7 +162,7 @@ class Button:
 
 
 def checked_modes(modes: Sequence[StickMode]) -> tuple[StickMode, ...]:
-    """Check that a resolver can follow the modes."""
+    """Check that a `RedundancyResolver` can follow the modes."""
     if not isinstance(modes, (list, tuple)) or isinstance(modes, StickMode) or not modes:
         raise ConfigurationError("modes", modes, "a list or tuple of at least one StickMode")
     checked = tuple(_checked_mode(f"modes[{i}]", mode) for i, mode in enumerate(modes))

@@ -1,4 +1,7 @@
-"""Check a state by enable input, stamps and joints that do not follow; compute the joints' commanded positions."""
+"""Check a measured state: enable input, time stamps, joints that do not follow their commands.
+
+The check also computes the commanded positions of the joints.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,11 @@ this tick, so that nothing counts twice.
 
 @cache
 def judged_memory(n: int, led: int) -> Record:
-    """Memory of the checks of a state of n joints, with `led` numbers of a `FrontEnd`.
+    """Memory of the checks for n joints; `led` is the memory size of their `FrontEnd`, 0 without one.
 
     For all states: stamps, a joint that does not follow, the front end, and whether the last stamp went back. For the
-    current state: the number of the reason why it is invalid (0 for none), the joint that does not follow (-1 for
-    none), details, whether the joints restart at rest, and the previous command (n,).
+    current state: the number of the reason why the state is invalid (0 for none), the joint that does not follow (-1
+    for none), details, whether the joints restart at rest, and the previous command (n,).
     """
     return Record(
         stamps=STAMPS.size, lost=3, led=led, back=1, reason=1, element=1, details=2, rested=1,
@@ -45,7 +48,8 @@ def nothing_known(record: Record) -> ca.SX:
 def judged_state(
     n: int, size: int, *, dt: float, max_age: float, led: FrontEnd | None, sent: slice, motion: slice
 ) -> ca.Function:
-    """Function: positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> the first three.
+    """Function: positions (n,), memory of a controller (size,), `judged_memory`, `GIVEN` -> new values of the first
+    three.
 
     The commanded positions replace the measured ones. After a pause of the stamps the joints restart at rest at their
     measured positions, unless they have continued as commanded. The memory of a resting robot that is not enabled is
@@ -53,7 +57,7 @@ def judged_state(
 
     Parameters
     ----------
-    dt, max_age : see `Watchdog`. led : None for joints exactly at their commanded positions.
+    dt, max_age : see `Watchdog`. led : front end; None for joints that are exactly at their commanded positions.
     sent : slice of the controller's memory with the command.
     motion : slice of the memory, after velocity and position, that is zero at rest.
     """
@@ -67,7 +71,7 @@ def judged_state(
     last = memory[sent]
     after, reference, rests, lost, missing = own.led, q, ca.SX(0), own.lost, ca.SX(0)
     if led is not None:
-        # A stamp that follows one that went back may only have come forward again.
+        # After a stamp that went back, a jump forward is no pause.
         paused = ca.logic_and(stamps.reason == NUMBER["STAMP_GAP"], ca.logic_not(own.back))
         moved, gap = led.shortest(q - led_memory(n).parts(own.led).seen), stamps.details[0]
         went_on = ca.logic_and(

@@ -1,4 +1,4 @@
-"""Keep-outs of the arm, the capsules of chair and user, as limits now and on the way to the stop posture."""
+"""Limits that keep the arm out of the capsules of chair and user, now and on the way to the stop posture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rehab_opt.symbolic.tick import Stages
 __all__ = ["ALONG", "ArmKeepOuts"]
 
 ALONG = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of the way to the stop posture at which keep-outs are checked, besides its beginning."""
+"""Fractions of the way to the stop posture at which keep-outs are checked, in addition to the current posture."""
 MARGIN = 12e-3
 """[m] Extra distance from a keep-out at the stop posture, since links turn and rows are tangents."""
 FAST = 0.4
@@ -26,19 +26,19 @@ CLEAR = 5e-4
 """[m] Margin of the arm to keep-outs, doubled at the stop posture."""
 TINY = 1e-12
 TOUCHING = 1e-9
-"""[m] Distances below this give no direction."""
+"""[m] Distances below this are too small to define a direction."""
 
 
 class ArmKeepOuts:
-    """Every distance h of a link from a keep-out is zero or more at the end of a tick, or no less than now.
+    """Keep the distance h of every link from every keep-out at zero or more; a negative h must not decrease.
 
     At the posture q, h falls by at most h / T per second, with the braking time T. Within the margin an arm can slide
     along a keep-out. At that fraction of the way to rest (`ALONG`) where h is least, h stays above a margin that grows
-    along the way. `no_deeper` checks the exact posture.
+    along the way. `no_deeper` checks h at the exact posture at the end of the tick.
 
     Parameters
     ----------
-    robot : its links and keep-outs. braking : see `BrakingTogether`. dt : tick [s].
+    robot : has the links and keep-outs. braking : see `BrakingTogether`. dt : tick [s].
     """
 
     def __init__(self, robot: MobileArm, braking: BrakingTogether, dt: float) -> None:
@@ -48,10 +48,14 @@ class ArmKeepOuts:
         self._gaps = ca.Function("gaps", [arm], [gaps], {"cse": True})
         self._opening = ca.Function("opening", [arm], [opening, gaps], {"cse": True})
         self._swinging = [i for i, moves in enumerate(ca.which_depends(gaps, arm, 1, False)) if moves]
-        """Arm joints, from 0, that move the links; a last joint whose axis passes through the hand does not."""
+        """Indices of the arm joints that move the links; a last joint whose axis passes through the hand does not."""
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
-        """Limits [m/s] now and on the way to rest, at q (n,) after `last` (n,), and the arm's clearance [m]."""
+        """Three results at q (n,) after the command `last` (n,).
+
+        The results are the limits [m/s] at the current posture, the limits on the way to rest, and the arm's distance
+        [m] from the nearest keep-out.
+        """
         n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
         if not count:
             none = LinearLimit(ca.SX(0, n), ca.SX(0, 1))
@@ -70,7 +74,10 @@ class ArmKeepOuts:
         return now, then.beyond(self.braking.slower(last)), clearance
 
     def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Whether a keep-out can matter at arm joints (4,) after speeds up to (4,), and the arm's clearance [m]."""
+        """Two results at the arm's joints `arm` (k,) and joint speeds of up to `fastest` (k,).
+
+        The results are whether a keep-out can matter, and the arm's distance [m] from the nearest keep-out.
+        """
         clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(fastest + self.braking.change[CHAIR:])
         return clearance <= self._margin(1.0, fastest) + self.robot.reach * self.braking.time * speed, clearance
@@ -80,13 +87,16 @@ class ArmKeepOuts:
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
-        """1 if a tick of u (n,) moves the arm (4,) into no keep-out, and no deeper into one."""
+        """1 if a tick at velocities u (n,) moves the arm at joints `arm` (k,) neither into a keep-out nor deeper into
+        one.
+        """
         return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Function: arm, last (k,) -> (2 c, k + 1) closing speeds per joint speed of c distances, now and on the way;
-        bounds.
+        """Function: arm (k,), last (k,) -> table (2 c, k + 1) for c distances, now and then on the way to rest.
+
+        A row holds the derivatives of the closing speed by the k joint speeds, and the upper bound [m/s].
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time
@@ -115,7 +125,7 @@ class ArmKeepOuts:
         return ca.Function("keep_out_rows", inputs, [ca.densify(found)])
 
     def _margin(self, part: float, velocity: ca.SX) -> ca.SX:
-        """Margin [m] at a fraction of the way to rest: the error of tangents in a tick, and `MARGIN`."""
+        """Margin [m] at the fraction `part` of the way to rest; it covers the tangents' error in a tick."""
         swinging, time = self._swinging, self.braking.time
         change = np.asarray(self.braking.change).ravel()[CHAIR:][swinging]
         speed = ca.sum1(ca.fabs(velocity[swinging]))
@@ -131,7 +141,9 @@ class ArmKeepOuts:
 
 
 def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(c, k) derivative [m/rad] of distances between links and keep-outs by k joints; distances (c,) [m]."""
+    """Two results for c pairs of link and keep-out: derivatives (c, k) [m/rad] of the distances by the k joints, and
+    distances (c,) [m].
+    """
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR
@@ -158,7 +170,9 @@ def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _nearest(begin: ca.SX, end: ca.SX, capsule: Capsule) -> tuple[ca.SX, ca.SX]:
-    """Fraction, 0 to 1, of the segment `begin` to `end` closest to the capsule's segment, and the vector there (3,)."""
+    """Two results: the fraction (0 to 1) of the segment from `begin` to `end` at which it is closest to the capsule's
+    segment; and the vector (3,) from the capsule's segment to that point.
+    """
     start, other = ca.DM(capsule.start), ca.DM(capsule.end) - ca.DM(capsule.start)
     along, gap = end - begin, begin - start
     a, e = ca.fmax(ca.sumsqr(along), TOUCHING**2), float(ca.sumsqr(other))  # any fraction is right for a ball

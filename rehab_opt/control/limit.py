@@ -25,21 +25,25 @@ Array = NDArray[np.float64]
 ROUNDING = 1e-12
 """Allowed rounding below zero, in the distance's unit."""
 PARTS = (0.75, 0.5, 0.25)
-"""Fractions that are tried if a command violates a limit: blends of braking and the answer, then parts of braking."""
+"""Fractions that are tried if a command violates a limit: of the step from the braking velocity to the command, then of
+the braking velocity itself.
+"""
 NEAR = 1e-13
 """[m] Approach of bodies that counts as rounding."""
 PASSES = 2
 """Number of passes over all limits in the search for a velocity that satisfies them."""
 START = 0.1
-"""Fraction of the largest speed that a joint may reach in one tick and that the margin still covers."""
+"""The margin covers joints that accelerate from rest to this fraction of their largest speed in one tick."""
 FLAT = 0.05
-"""[m/rad] Slope of a distance between bodies below which the return from within the margin slows down."""
+"""[m/rad] If the slope of a distance between bodies is below this, the return from within the margin slows down."""
 SLACK = 1e-5
 """[m] Extra margin for bodies that lie along each other, whose distances curve."""
 ROWS = 3
-"""Number of distances of a limit that make rows: along an edge of two, an arm slides into a corner."""
+"""Largest number of distances of one limit that make QP rows: while an arm slides along the edge between two, it may
+meet a third.
+"""
 MATTERS = 0.05
-"""Fraction of a slope's largest entry; a joint below it does not help to satisfy the limit."""
+"""A joint is not used to satisfy a limit if its entry of the slope is below this fraction of the largest entry."""
 RETURN = 0.01
 """[m/s] Speed of the return from within a margin for which acceleration limits are relaxed."""
 TINY = 1e-300
@@ -53,10 +57,10 @@ class Limit:
 
     Parameters
     ----------
-    distances : chain, joint positions (n,) -> (k,) distances h(q) as CasADi expressions, in any unit, smooth near zero.
-        The three closest to zero, relative to their rate, make rows of the QP; all are checked at the end of the tick.
-        A NaN stops the robot at once.
-    rate : [1/s] largest decay rate of a distance; default 1/T with the longest time T in which a joint stops.
+    distances : function of chain and joint positions (n,) that returns the distances h(q) (k,) as CasADi expressions,
+        in any unit, smooth near zero. The three closest to zero, relative to their rate, make rows of the QP; all are
+        checked at the end of the tick. A NaN stops the robot at once.
+    rate : [1/s] largest decay rate of a distance; default 1/T, with the longest time T that any joint needs to stop.
     """
 
     distances: Callable[[SerialChain, ca.SX], ca.SX]
@@ -75,7 +79,10 @@ class Limit:
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Three distances at q (n,), smallest after `ways` times `way` (n,); slopes (k, n); loss by curvature."""
+        """The up to three distances that will be smallest after `ways` times the motion `way` (n,).
+
+        Return their values at q (n,), their slopes (k, n), and their loss by curvature during one motion `way`.
+        """
         symbol, ahead = ca.SX.sym("q", chain.n), ca.SX.sym("ahead", chain.n)
         each, then = self.at(chain, symbol), self.at(chain, ahead)
         rows = ca.horzcat(each + (then - each) * ways, each, then, self.slopes(chain, symbol))
@@ -85,7 +92,7 @@ class Limit:
 
 
 def smallest_rows(rows: ca.SX, k: int) -> ca.SX:
-    """The k rows with the smallest first number, in order."""
+    """The k rows with the smallest first entries, in ascending order."""
     kept: list[ca.SX] = []
     for each in ca.vertsplit(ca.densify(rows)):
         row = each
@@ -138,16 +145,16 @@ def all_limits(
 
 
 class PostureLimits:
-    """Limits of one arm in one tick.
+    """All `Limit`s and the clearance of one arm, in one tick.
 
-    A row is the tangent at the beginning of a tick; the distance is checked at its end. Rows keep a margin of about the
-    square of the joint motion in a tick. Limits take precedence over accelerations; speeds and joint limits take
-    precedence over limits.
+    A row is the tangent of a distance at the beginning of a tick; the distance itself is checked at the end. Rows keep
+    a margin of about the square of the joint motion in a tick. These limits take precedence over acceleration limits;
+    speed limits and joint limits take precedence over them.
 
     Parameters
     ----------
     limits : from `checked_limits`. chain : the arm. dt : tick [s].
-    clearance : pairs of a `Clearance` or None; each contact makes a row, after those of the limits.
+    clearance : pairs of a `Clearance`, or None; each contact makes a row, after the rows of the limits.
     recovery_speed : largest speed of the return into a limit, as a fraction of the joints' speeds.
     """
 
@@ -198,7 +205,10 @@ class PostureLimits:
         return 0 if self.clearance is None else self.clearance.size
 
     def contacts(self, q: ca.MX, last: ca.MX, told: ca.MX, *, ticks: int = 1) -> ca.MX:
-        """Nearest contacts as one column, for q, last velocity (n,) and moving capsules, after half of `ticks`."""
+        """Nearest contacts, as one column, in the middle of the next `ticks` ticks.
+
+        The arm moves from q (n,) with the velocity `last` (n,); `told` holds the moving capsules.
+        """
         return ca.MX(0, 1) if self.clearance is None else self.clearance.nearest(q, last, told, ticks * self.dt)
 
     def beside(
@@ -213,10 +223,11 @@ class PostureLimits:
         hard: tuple[ca.SX, ca.SX],
         gives_way: ca.SX,
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """R (m, n), r (m,) of R u <= r, and `base`, moved within `ends`, or else `hard`, so that it satisfies the rows.
+        """Rows R u <= r of the limits at q (n,), and a velocity that satisfies them.
 
-        The velocities are q' = turn u. If `gives_way` is 0, `base` moves neither away from approaching bodies nor out
-        of a margin.
+        Return R (m, n), r (m,) and the velocity `base` (n,), changed within the intervals `ends`, or if need be within
+        `hard`, so that it satisfies the rows. The joint velocities are q' = turn u, with the matrix `turn` (n, n). If
+        `gives_way` is 0, `base` moves neither away from approaching bodies nor out of a margin.
         """
         slopes, free, now = self._now(q, last, contacts)
         slopes, least = slopes @ turn, ca.if_else(gives_way, -ca.inf, 0)
@@ -234,14 +245,16 @@ class PostureLimits:
         seconds: Sequence[float],
         change: ca.DM,
     ) -> tuple[ca.SX, ca.SX]:
-        """R (m, n), r (m,) of R u <= r for the limits on the way of u, to first order about `last` (n,).
+        """Rows R u <= r for the limits on the path that the velocities u (n,) lead to, as R (m, n) and r (m,).
+
+        The rows are linearised at the velocities `last` (n,).
 
         Parameters
         ----------
         bodies : output of `bodies_on_the_way`.
-        way : q (n,), u (n,), t -> (n,) joint positions after t [s] of u.
-        seconds : checked times, positive and equally spaced; each makes its own rows.
-        change : (n,) largest change of u in a tick; the rows' margin covers the tangents' error for it.
+        way : function of q (n,), u (n,) and t [s] that returns the joint positions (n,) after t at the velocities u.
+        seconds : [s] checked times, positive and equally spaced; each makes its own rows.
+        change : (n,) largest change of u in a tick; the rows' margin covers the tangents' error for this change.
         """
         here, u = ca.SX.sym("q", self.chain.n), ca.SX.sym("u", self.chain.n)
         rows = [ca.SX(0, 1 + u.numel())]
@@ -258,7 +271,11 @@ class PostureLimits:
     def bodies_on_the_way(
         self, *, way: Callable[[ca.SX, ca.SX, float], ca.SX], seconds: Sequence[float], change: ca.DM
     ) -> ca.Function:
-        """Function: q, u (n,), moving capsules -> (slots, 1 + n) least distances left to bodies at rest, and slopes."""
+        """Function: q (n,), u (n,), moving capsules -> table (max_contacts, 1 + n).
+
+        The table holds the smallest distances to bodies on the path at the velocities u, divided by the time, and their
+        slopes. The bodies count as resting.
+        """
         assert self.clearance is not None
         n, k = self.chain.n, self.clearance.max_contacts
         here, u, column = ca.SX.sym("q", n), ca.SX.sym("u", n), ca.SX.sym("contacts", self.contacts_size)
@@ -275,9 +292,9 @@ class PostureLimits:
         return ca.Function("bodies_on_the_way", inputs, [every[least(every.size1(), k)(every[:, 0]), :]])
 
     def led_clear(self, velocity: ca.SX, bounds: VelocityBounds, contacts: ca.SX) -> ca.SX:
-        """(n,) `velocity`, corrected by a Newton step if it would come nearer to a body than the margin.
+        """`velocity` (n,), corrected by a Newton step if the arm would come nearer to a body than the margin.
 
-        The contacts are those at the end of the tick (`contacts` with twice its time).
+        The argument `contacts` holds the contacts at the end of the tick, from the method `contacts` with `ticks=2`.
         """
         assert self.clearance is not None
         distances, slopes, changes = self.clearance.read(contacts)
@@ -290,7 +307,10 @@ class PostureLimits:
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """Function: q, moving capsules, unconstrained, braking -> first velocity (n,) for which `judged` gives 1."""
+        """Function: q, moving capsules, unconstrained, braking -> velocity (n,).
+
+        The velocity is the first of several blends for which `judged` gives 1, see `PARTS`; otherwise zero.
+        """
         n = self.chain.n
         q, told = ca.MX.sym("q", n), ca.MX.sym("moving", judged.numel_in(1))
         unconstrained, braking = ca.MX.sym("unconstrained", n), ca.MX.sym("braking", n)
@@ -306,14 +326,14 @@ class PostureLimits:
 
     @cached_property
     def judged(self) -> ca.Function:
-        """Function: q, moving capsules, velocity -> 1 if no distance falls below zero or its value at rest; not for
-        NaN.
+        """Function: q, moving capsules, velocity -> 1 unless a distance ends below zero and also below its value at
+        rest; 0 for NaN.
         """
         return self._and_kept(self.clear)
 
     @cached_property
     def all_clear(self) -> ca.Function:
-        """As `judged`, but no body may be nearer than its margin, even by its own motion."""
+        """As `judged`, but the verdict is 0 if any body is nearer than its margin, even by the body's own motion."""
         q, told, velocity = self._tick_symbols()
         assert self.clearance is not None
         ends = self.clearance.distances(q + velocity * self.dt, told, self.dt)
@@ -354,7 +374,7 @@ class PostureLimits:
         return ca.Function("among_bodies", [q, told, velocity], [verdict])
 
     def kept(self, q: ca.SX, velocity: ca.SX) -> ca.SX:
-        """1 if a velocity moves no `Limit` below zero, or further below; NaN fails."""
+        """1 if a velocity (n,) moves no distance of a `Limit` below zero, or further below zero; 0 for NaN."""
         conditions = []
         for each in self.limits:
             now, then = each.at(self.chain, q), each.at(self.chain, q + velocity * self.dt)
@@ -370,7 +390,10 @@ class PostureLimits:
         return ca.SX(0) if self.clearance is None else contacts[-1] < -OUTSIDE
 
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) of the least distances, and their largest allowed decrease per second and in this tick (m,)."""
+        """Three results for the least distances: slopes (m, n), and two largest rates of decrease (m,).
+
+        The first rate is that of the barrier; at the second, a distance becomes zero in this tick.
+        """
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
             slopes, least, spent = self._tangents(q, last, self._ways)
@@ -385,16 +408,18 @@ class PostureLimits:
     def _between_bodies(
         self, last: ca.SX, distances: ca.SX, slopes: ca.SX, changes: ca.SX
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """As `_now`, for contacts; the slopes are those at mid-tick, at the last velocity."""
+        """As `_now`, for contacts; the slopes are those at mid-tick after the last velocity."""
         way = self.dt * (ca.sum1(ca.fabs(last)) + self._begun)
         margin = ca.sqrt(ca.sum2(slopes**2)) * way**2 / 2 + SLACK
-        # Near the posture of the largest distance no joint moves to and fro.
+        # So that no joint oscillates near the posture of the largest distance, where slopes change sign.
         steep = ca.fabs(slopes) * ca.fmin(ca.fabs(slopes) / FLAT, 1)
         free = ca.fmax(self._fractions[self._own :] * (distances - SLACK / 2 - margin), -steep @ self._calm)
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Slopes (m, n) and values (m,) of the least distances, and their tangents' largest error in this tick (m,)."""
+        """Three results for the least distances: slopes (m, n), values (m,), and largest error of their tangents in
+        this tick (m,), as a rate.
+        """
         seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
         least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))
@@ -405,7 +430,9 @@ class PostureLimits:
 
 
 def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:
-    """(m, 1 + n) distances after t [s] and their slopes, with a margin for changes of u (n,), divided by t."""
+    """Table (m, 1 + n): distances after t [s], less a margin for changes of u (n,), and their slopes; all divided by
+    t.
+    """
     largest, slopes = ca.mmax(change), changes / t
     begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
     return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)
@@ -414,10 +441,11 @@ def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -
 def kept_within(
     now: tuple[ca.SX, ca.SX, ca.SX], rest: ca.SX, ends: tuple[ca.SX, ca.SX], outer: tuple[ca.SX, ca.SX]
 ) -> ca.SX:
-    """(n,) `rest`, moved limit by limit towards the end of an interval that satisfies the limit, as far as needed.
+    """Velocity `rest` (n,), changed so that it satisfies the limits `now`, one limit after the other.
 
-    Motion that still violates a limit is removed along its slope, within the `outer` ends, or else by slowing all
-    joints alike.
+    For each violated limit, the velocity moves, as far as needed, towards those ends of the intervals `ends` that help
+    to satisfy the limit. Motion that still violates a limit is removed along the limit's slope, within the intervals
+    `outer`. If that is not enough, all joints slow down by the same factor.
     """
     (lower, upper), (slopes, free, hard) = ends, now
     u = rest
@@ -433,7 +461,7 @@ def kept_within(
 
 
 def _led_across(velocity: ca.SX, slopes: ca.SX, hard: ca.SX, outer: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """(n,) `velocity`, corrected along the slope of each limit that it violates, within `outer`."""
+    """`velocity` (n,), corrected along the slope of each limit that it violates, within the intervals `outer`."""
     u = velocity
     for i in list(range(slopes.size1())) * PASSES:
         slope = slopes[i, :].T

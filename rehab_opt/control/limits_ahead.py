@@ -1,4 +1,4 @@
-"""Limits of a command and the braking after it: each limit is one object, and one loop checks all of them."""
+"""Limits of a command and of the braking after it: each limit is one object, and one loop checks all of them."""
 
 from __future__ import annotations
 
@@ -42,13 +42,17 @@ BRAKED = tuple(k / 8 for k in range(8))
 FURTHEST = 2 / 3**1.5
 """Maximum of x sqrt(1 - x) for 0 <= x <= 1."""
 CLEAR, BEND = 5e-5, 30.0
-"""[rad] Least margin of rows before a limit, in joint motion; [1/rad] error of tangents in a tick."""
+"""[rad] Least margin of rows before a limit, as a joint motion; [1/rad] factor of the tangents' error in a tick on the
+squared motion of the stop posture.
+"""
 CLOSE = 2.0
-"""Three points suffice to check h if their least value exceeds this many times their spread."""
+"""Three points suffice to check h if the least of their three values is above this many times their spread."""
 FLAT, ASIDE = 2e-3, 0.1
-"""[1/rad] Slope too small to show a way back from below zero; [rad or m] distance at which h is differentiated then."""
+"""[1/rad] If h is below zero, a slope below `FLAT` is too small to show the way back; [rad or m] h is then
+differentiated at a posture `ASIDE` away.
+"""
 PUSH = 0.3
-"""Fraction of a missing margin that is regained per tick."""
+"""Fraction of a missing margin to a limit that is regained per tick."""
 
 
 class State(NamedTuple):
@@ -59,7 +63,7 @@ class State(NamedTuple):
     last: ca.SX
     """(n,) last velocity."""
     jacobian: ca.SX
-    """(6, n) at q."""
+    """(6, n) Jacobian at q."""
     moving: ca.SX
     """Values of the moving capsules."""
 
@@ -71,11 +75,11 @@ class Way(NamedTuple):
     u: ca.SX
     """(n,) command."""
     ticks: ca.SX
-    """F: braking distance of the command, in ticks at its velocity."""
+    """F: braking distance after the command, as a number of ticks at the command's velocity."""
 
 
 class Bound(ABC):
-    """A limit."""
+    """Limit on a command and on the braking after it."""
 
     def at_most(self, tick: Stages, way: Way) -> ca.SX:
         """(m,) cheap upper bound of `excess`: if it is not positive, neither is `excess`."""
@@ -111,7 +115,8 @@ class JointAcceleration(Bound):
 class HandSpeed(Bound):
     """|J_v u| <= linear and |J_w u| <= angular, now, after the tick, and on the way to rest.
 
-    J_v, J_w : linear and angular Jacobian. At a fraction x of the way to rest, sqrt(1 - x) of the speed is left.
+    J_v, J_w : linear and angular Jacobian. At a fraction x of the way to rest, the speed has fallen to the
+        fraction sqrt(1 - x).
     """
 
     def __init__(self, chain: SerialChain, manoeuvre: Manoeuvre, *, linear: float, angular: float) -> None:
@@ -125,11 +130,11 @@ class HandSpeed(Bound):
         self._longest = ca.DM(np.maximum(arms, 1.0) if any(row.prismatic for row in rows) else arms)
 
     def over(self, twist: ca.SX) -> ca.SX:
-        """Larger of the two ratios of a twist's (6,) speeds to their limits."""
+        """Ratio of a twist's (6,) linear or angular speed to its limit, whichever ratio is larger."""
         return ca.fmax(ca.norm_2(twist[:3]) / self._most[0], ca.norm_2(twist[3:]) / self._most[1])
 
     def part(self, jacobian: ca.SX, a: ca.SX, b: ca.SX) -> ca.SX:
-        """Largest fraction, at most 1, of velocities b (n,) that may be added to a (n,)."""
+        """Largest fraction, at most 1, of velocities b (n,) that may be added to a (n,) within both speed limits."""
         twists = jacobian @ ca.horzcat(a, b)
         linear, angular = (
             largest_part(twists[i : i + 3, 0], twists[i : i + 3, 1], most)
@@ -159,7 +164,10 @@ class HandSpeed(Bound):
 
 
 class Rows(NamedTuple):
-    """away s - slopes u <= upper: tangents of h on the way to rest; s in [0, 1] is the rate of regaining a margin."""
+    """QP rows away s - slopes u <= upper: tangents of h on the way to rest.
+
+    The QP's variable s in [0, 1] says which fraction of the rates `away` is used to regain a missing margin.
+    """
 
     slopes: ca.SX
     away: ca.SX
@@ -171,10 +179,10 @@ class Rows(NamedTuple):
 
 
 class Posture(Protocol):
-    """h(q, t) >= 0, with bodies that move on for t [s]; `moving` holds their values."""
+    """Limits h(q, t) >= 0 of the posture q, after bodies have moved for t [s]; `moving` holds the bodies' values."""
 
     places: int
-    """Number of checked points on the way to rest."""
+    """Number of equal sections of the way to rest whose ends are checked."""
     rates: list[float | None]
     """(m,) [1/s] largest decay rate of each of the least distances; None: as fast as braking allows."""
 
@@ -186,7 +194,7 @@ class Posture(Protocol):
 
 
 class UserLimits:
-    """h(q) >= 0 of `Limit`s."""
+    """Limits h(q) >= 0 that users define as `Limit`s."""
 
     places = 6
 
@@ -212,7 +220,7 @@ class UserLimits:
 
 
 class Bodies:
-    """d(q, t) - margin >= 0 of the pairs of a `Clearance` [m]; moving capsules keep their velocity."""
+    """Limits d(q, t) - margin >= 0 [m] for the pairs of a `Clearance`; moving capsules keep their velocity."""
 
     places = 2
 
@@ -238,9 +246,9 @@ class Bodies:
 
 
 class Kept(Bound):
-    """h(q, t) >= 0 of the limits `kinds` after the tick and on the way to rest.
+    """Limits h(q, t) >= 0 of all `kinds`, after the tick and on the way to rest.
 
-    Between two points h is checked at the minimum of a parabola through three points.
+    Between the checked points, h is checked at the minimum of a parabola through three points.
     """
 
     def __init__(self, kinds: Sequence[Posture], chain: SerialChain, manoeuvre: Manoeuvre) -> None:
@@ -257,7 +265,7 @@ class Kept(Bound):
         return ca.vertcat(ca.SX(0, 1), *(2 * ROUNDING - self._along(tick, each, way) for each in self._kinds))
 
     def _along(self, tick: Stages, kind: Posture, way: Way) -> ca.SX:
-        """(k,) h at the ends and the middle of the way to rest, and in between if those values are close to zero."""
+        """(k,) h at both ends and in the middle of the way to rest; if these are close to zero, h in between, too."""
 
         def at(part: float) -> ca.SX:
             place = self._manoeuvre.place(way.state.q, way.u, way.ticks * part)
@@ -276,14 +284,14 @@ class Kept(Bound):
         return tick.when(all_true(least > CLOSE * (most - least)), ca.vertcat(*few, *more), all_of_them)
 
     def _tangents(self, tick: Stages, way: Way, part: float) -> ca.SX:
-        """Tangents at a fraction `part` of the way, with bodies at the time when braking would be there."""
+        """Tangents at the fraction `part` of the way to rest; bodies are where they will be when the arm gets there."""
         ticks, place = self._manoeuvre.ticks(way.state.last), self._manoeuvre.place
         seconds = self._manoeuvre.dt * (1 + (1 - math.sqrt(1 - part)) * ticks)
         there = place(way.state.q, way.u, part * way.ticks)
         return ca.vertcat(*(each.tangents(tick, there, seconds, way.state) for each in self._kinds))
 
     def far(self, tick: Stages, way: Way) -> ca.SX:
-        """Whether a command leads nowhere near any limit, so that the rows are not needed."""
+        """Whether a command and its braking stay so far from every limit that no rows are needed."""
         if any(rate is not None for each in self._kinds for rate in each.rates):
             return ca.SX(0)
         lever = self._manoeuvre.dt * (1 + way.ticks)
@@ -300,7 +308,10 @@ class Kept(Bound):
         return Rows(ca.SX.zeros(m, n), none, ca.SX.ones(m), none, ca.SX.ones(m))
 
     def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
-        """Rows about the command `brake` (n,), which satisfies them, for commands from `least` to `most` (n,)."""
+        """Rows for commands from `least` (n,) to `most` (n,), linearised at the command `brake` (n,).
+
+        The command `brake` satisfies the rows.
+        """
         one, ticks, found = self._manoeuvre, self._manoeuvre.ticks(state.last), []
         braking = Way(state, brake, further(ca.fmax(ticks - 1, 0)))
         tables = [self._tangents(tick, braking, part) for part in PLACES]
@@ -332,7 +343,10 @@ class Kept(Bound):
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
-        """Upper ends (m,) minus the tangents' error at the command u (n,); `brake` (n,) still satisfies the rows."""
+        """Upper bounds (m,) of the rows, less the tangents' error at the command u (n,).
+
+        The command `brake` (n,) still satisfies the rows.
+        """
         way = Way(state, u, further(self._manoeuvre.ticks(u)))
         true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)
@@ -348,6 +362,6 @@ def _with_parabolas(h: Sequence[ca.SX]) -> ca.SX:
 
 
 def largest_part(a: ca.SX, b: ca.SX, most: float) -> ca.SX:
-    """Largest fraction, at most 1, of vector b that can be added to vector a within the length `most`."""
+    """Largest fraction, at most 1, of vector b that can be added to vector a within the length `most` of the sum."""
     bb, ab, room = ca.fmax(ca.sumsqr(b), 1e-18), ca.dot(a, b), ca.fmax(most**2 - ca.sumsqr(a), 0)
     return ca.fmin((ca.sqrt(ab**2 + bb * room) - ab) / bb, 1)

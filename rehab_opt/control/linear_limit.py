@@ -19,11 +19,11 @@ class LinearLimit(NamedTuple):
     matrix: ca.SX
     """(k, n); structural zeros for joints without effect cost nothing."""
     upper: ca.SX
-    """(k,) in the rows' units, [m/s] of distances."""
+    """(k,) upper bounds in the units of the rows; [m/s] for distances."""
 
     @classmethod
     def of_joints(cls, first: int, n: int, matrix: ca.SX, upper: ca.SX) -> Self:
-        """Limit of a matrix (k, m) for m of n joints, starting at joint `first`, counted from 0."""
+        """Limit whose `matrix` (k, m) has columns for m of n joints only; the first of them has the index `first`."""
         k, m = matrix.shape
         return cls(ca.horzcat(ca.SX(k, first), matrix, ca.SX(k, n - first - m)), upper)
 
@@ -34,7 +34,7 @@ class LinearLimit(NamedTuple):
 
     @property
     def one_sided(self) -> LinearLimit:
-        """The same limit with upper ends only."""
+        """The same limit with upper bounds only."""
         return self
 
     @property
@@ -43,15 +43,15 @@ class LinearLimit(NamedTuple):
         return int(self.upper.numel())
 
     def rows(self, u: ca.SX) -> list[Row]:
-        """Rows of a QP; an empty list without rows."""
+        """Rows of a QP; an empty list if the limit has no rows."""
         return [within(self.matrix @ u, -ca.inf, self.upper)] if self.row_count else []
 
     def excess(self, u: ca.SX) -> ca.SX:
-        """(k,) excess of velocities u over the limit; not positive if it is satisfied."""
+        """(k,) excess of velocities u over the limit; not positive if u satisfies the limit."""
         return self.matrix @ u - self.upper
 
     def beyond(self, u: ca.SX) -> LinearLimit:
-        """The limit on velocities that are added to u (n,)."""
+        """The limit on u + x, if this is the limit on velocities x that are added to u (n,)."""
         return self._replace(upper=self.upper + self.matrix @ u)
 
     def relaxed(self, u: ca.SX) -> LinearLimit:
@@ -59,9 +59,10 @@ class LinearLimit(NamedTuple):
         return self._replace(upper=ca.fmax(self.upper, self.matrix @ u))
 
     def max_step_size(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
-        """Largest step size, at most 1, along `way` (n,) from velocities `begin` (n,), or rest, within the limit.
+        """Largest step size, at most 1, along `way` (n,) from the velocities `begin` (n,) within the limit.
 
-        The step may exceed the limit by `slack`. If `begin` violates the limit, the violation must not grow.
+        Without `begin` the step starts at rest. It may exceed the limit by `slack`. If `begin` violates the limit, the
+        violation must not grow.
         """
         matrix, upper = self.one_sided
         if not self.row_count:
