@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
-    """k1 as a float; its sign must suit `along` and `rest_on_target`."""
+    """The drag k1 as a float; its sign must suit `along` and `rest_on_target`."""
     if not is_finite(drag):
         raise ConfigurationError("drag", drag, "a finite number")
     if drag < 0 and along == "travelled":

@@ -60,7 +60,7 @@ def at_rest(samples: Samples, target: Array, width: float) -> Samples:
     fraction = weights[len(samples.points) :].sum() / weights.sum()
     lean = np.broadcast_to(force / fraction, mirrored.points.shape)
     away = target - mirrored.points
-    # A slope about the target, not about the sample: at the target it changes the force, not the energy.
+    # The slope is about the target, not about the sample: there it changes the force but not the energy.
     return samples.joined(mirrored._replace(lean=lean, offsets=mirrored.offsets - (lean * away).sum(axis=1)))
 
 
@@ -68,7 +68,7 @@ def reflected(samples: Samples, end: PathEnd, width: float) -> Samples:
     """Reflections through `end` of `samples`, whose `lean` must be zero."""
     distance = np.linalg.norm(samples.points - end.point, axis=1)
     near = samples.taken((distance <= REACH * width) & (distance > SAME * width))
-    away = end.point - near.points  # of the reflections, from the end
+    away = end.point - near.points  # positions of the reflections relative to the end
     offsets = near.offsets.copy() if end.offset is None else 2 * end.offset - near.offsets
     raised = 0.5 * (near.stiffness * away**2).sum(axis=1)
     if end.held and end.offset is not None:

@@ -117,7 +117,7 @@ def check_units(demonstrations: Sequence[Demonstration]) -> None:
         if not WEAKEST <= force <= STRONGEST:
             expected = f"{WEAKEST:g} to {STRONGEST:g} N (another unit?)"
             raise ConfigurationError(f"demonstrations[{i}]", f"a largest force of {force:.3g} N", expected)
-        rests = speed == 0 and np.ptp(each.positions, axis=0).any()  # told so, of a hand that moves
+        rests = speed == 0 and np.ptp(each.positions, axis=0).any()  # given velocities of zero although the hand moves
         if not (rests or SLOWEST <= speed <= HAND_SPEED):
             expected = f"{SLOWEST:g} to {HAND_SPEED:g} m/s (time or place in another unit?)"
             raise ConfigurationError(f"demonstrations[{i}]", f"a hand of at most {speed:.3g} m/s", expected)

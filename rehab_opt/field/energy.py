@@ -86,7 +86,7 @@ def stiffness_at(samples: Samples, width: float, point: NDArray[np.float64]) -> 
 
 def arranged_samples(samples: Samples, *, compile: Compile = None) -> tuple[NDArray[np.float64], bool]:
     """Two results: table of the samples; True if it is for `field_function_in_blocks`, False for `field_function`."""
-    if how(compile) == "no":  # the virtual machine is better at few operations on long columns
+    if how(compile) == "no":  # CasADi's virtual machine is fast with few operations on long columns
         return field_table(samples)[: len(samples.points)], False
     return field_table(samples).T, True
 

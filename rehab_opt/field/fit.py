@@ -77,8 +77,8 @@ def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequ
     `lengths` are the numbers of rows of the demonstrations.
 
     Hands sway for tenths of a second, so the errors of neighbouring samples are correlated. Each demonstration is
-    therefore cut into parts, each a cluster of correlated errors (Liang and Zeger, Biometrika 1986). The result is the
-    larger of this standard error and that for independent samples.
+    therefore cut into parts; errors are correlated within a part and independent between parts (Liang and Zeger,
+    Biometrika 1986). The result is the larger of this standard error and that for independent samples.
     """
     sizes = np.linalg.norm(design, axis=0)
     silent = sizes <= 1e-12 * sizes.max(initial=1e-300)

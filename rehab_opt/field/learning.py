@@ -62,7 +62,7 @@ class FitProblem(NamedTuple):
 
     @property
     def unit(self) -> Array:
-        """(n,) value of each parameter that alone gives forces of the recorded size."""
+        """(n,) scale of each parameter: with this value it alone gives forces of the recorded size."""
         size = np.sqrt((self.design**2).mean(axis=0) / max(float((self.forces**2).mean()), 1e-12))
         return np.asarray(1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12))
 

@@ -117,7 +117,7 @@ class PotentialField:
         rest_on_target: bool = True,
         compile: Compile = None,
     ) -> PotentialField:
-        """Field from phi_0 (m,) [J] and S (m, 2) [N/m] of every sample of the paths; its `drag` is NaN.
+        """Field from `offsets` phi_0 (m,) [J] and `stiffness` S (m, 2) [N/m] of each path; its `drag` is NaN.
 
         The force at the target is zero; `rests` says whether the target is a minimum of the energy.
         """

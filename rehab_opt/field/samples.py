@@ -172,12 +172,12 @@ def mean_path(paths: Sequence[Array], smoothing: float) -> Array:
     fractions = np.linspace(0.0, 1.0, MEAN_POINTS)
     paths = [strides(each, smoothing / 2) for each in paths]
     mean: Array = np.mean([interpolated(each, each, fractions * arc_length(each)[-1]) for each in paths], axis=0)
-    for _ in range(2):  # what bends back and forth is shorter once it is smooth
+    for _ in range(2):  # smoothing shortens the path, so it is repeated with the new length
         length = arc_length(mean)[-1]
         reach = int(np.ceil(4 * smoothing / max(length, smoothing) * MEAN_POINTS))
         reach = min(reach, MEAN_POINTS - 1)
         kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * length / MEAN_POINTS / smoothing) ** 2)
-        # Reflected through its ends, so that they stay.
+        # The path is reflected through its ends, so that smoothing keeps them.
         before, after = 2 * mean[0] - mean[reach:0:-1], 2 * mean[-1] - mean[-2 : -2 - reach : -1]
         longer = np.concatenate((before, mean, after))
         mean = np.column_stack([np.convolve(column, kernel / kernel.sum(), "valid") for column in longer.T])

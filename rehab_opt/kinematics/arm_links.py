@@ -68,7 +68,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
         origins = [LinkEnd(frame, (0.0, 0.0, 0.0), True) for frame in range(first, chain.n + 2)]
         places = _places(chain, origins, first)
         kept = [0]
-        for i in range(1, len(origins)):  # if two coincide, fewer joints move the first
+        for i in range(1, len(origins)):  # of two that coincide, keep the first: fewer joints move it
             if np.abs(places[i] - places[kept[-1]]).max() > SAME:
                 kept.append(i)
         moves = _moved(chain, origins, first)

@@ -24,7 +24,7 @@ class Body(NamedTuple):
 
     name: str
     link: int
-    """Row of the frame in which the body is fixed, counted from 1; 0 is the base frame, which no joint moves."""
+    """Number of the row with whose frame the body moves, from 1; 0 is the base frame, which no joint moves."""
     mass: float
     """[kg]"""
     centre: Array

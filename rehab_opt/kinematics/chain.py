@@ -272,7 +272,7 @@ class SerialChain(HasEvaluator):
         """(6, n) geometric Jacobian in the base frame at the tool's origin, linear rows first."""
         return self._evaluate(self.jacobian_expression, q).reshape(
             6, self.n
-        )  # one joint gives a column, which would come flat
+        )  # with one joint, the result would be flat
 
     def manipulability(self, q: ArrayLike) -> float:
         """Yoshikawa's measure w = sqrt(det(J J^T)); for fewer than six joints, w = sqrt(det(J^T J))."""

@@ -36,7 +36,7 @@ class DH(NamedTuple):
 
     @property
     def after(self) -> ca.SX | ca.DM:
-        """(4, 4) A at joint value zero; the joint's motion about or along z commutes with Rz(theta) Tz(d)."""
+        """(4, 4) transform A at joint value zero; the joint's motion about or along z commutes with Rz(theta) Tz(d)."""
         cos, sin = exact(math.cos, self.theta), exact(math.sin, self.theta)
         cos_alpha, sin_alpha = exact(math.cos, self.alpha), exact(math.sin, self.alpha)
         return ca.blockcat(

@@ -79,7 +79,7 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
     rows = np.flatnonzero((since == 0) | ((since % usual == 0) & (since <= np.repeat(lengths, lengths) - usual)))
     steps = np.maximum(_roundings(points[rows]), _roundings(points[begins]))
     rounded = steps > 0.0
-    # If the hand then moves on at once, the sample was repeated: the next one was late or lost. Else the hand stood.
+    # If the hand moves on at once, the sample was repeated, because the next one was late or lost. Else the hand stood.
     hops = np.abs(np.diff(points[begins], axis=0))
     few = GOES_ON * steps[rounded] if rounded.any() else SLOW * np.median(hops.max(axis=1))
     far = np.pad(((hops[:, rounded] if rounded.any() else hops) > few).any(axis=1), 1)

@@ -225,7 +225,7 @@ class MobileArm(HasEvaluator):
             x = ca.fabs(q[i] - float(chain.upper[i] + chain.lower[i]) / 2) / half
             beyond = ca.fmax(x - SATURATED, 0)
             cost += self.limit_cost * (ca.fmin(x, SATURATED) ** 4 / 4 + SATURATED**3 * beyond)
-        still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's place changes no posture
+        still = ca.vertcat(ca.SX.zeros(CHAIR), q[CHAIR:])  # the chair's pose has no effect
         if not self.hand_volume:
             return cost
         fraction = hand_volume(chain, still, first=CHAIR) / self.hand_volume**2

@@ -39,7 +39,7 @@ def real_array(value: Any) -> Array:
         array = np.reshape([_real(each) for each in array.ravel().tolist()], array.shape)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{array.dtype} is no type of real numbers")
-    with np.errstate(over="ignore", under="ignore"):  # a longer float that no float holds is infinite
+    with np.errstate(over="ignore", under="ignore"):  # a longer float type may become infinite
         return array.astype(np.float64)
 
 

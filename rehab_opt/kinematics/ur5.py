@@ -42,7 +42,7 @@ The upper arm lies 0.136 m beside the line of its Denavit-Hartenberg frames, the
 the joint housings plus a few millimetres; the tubes between them are thinner (0.051, 0.04 m). The last capsule extends
 9 mm beyond the flange. Cables and tools on the flange are not covered.
 """
-# Vendor's joint_limits.yaml: +-360 deg, the elbow +-180 deg since the robot's own body is in the way beyond.
+# Vendor's joint_limits.yaml: +-360 deg, the elbow +-180 deg, because further on it hits the robot's body.
 _REACH = np.deg2rad([360.0, 360.0, 180.0, 360.0, 360.0, 360.0])
 
 

@@ -132,14 +132,14 @@ class Mirror:
 
     @property
     def matrix(self) -> Array:
-        """(3, 3) M."""
+        """(3, 3) reflection M in the plane."""
         n = np.array(self.normal, dtype=np.float64)
         n /= np.linalg.norm(n)
         return np.asarray(np.eye(3) - 2.0 * np.outer(n, n))
 
     @property
     def flip(self) -> Array:
-        """(3, 3) M_b."""
+        """(3, 3) reflection M_b of the hand frame."""
         return np.diag([-1.0 if axis == self.lateral else 1.0 for axis in "xyz"])
 
     def positions(self, positions: ArrayLike) -> Array:
@@ -156,7 +156,7 @@ class Mirror:
         return found
 
     def twists(self, twists: ArrayLike) -> Array:
-        """(..., 6) mirrored: velocities by M, angular velocities, which are axial, by -M."""
+        """(..., 6) mirrored twists: linear velocities times M, angular velocities (axial vectors) times -M."""
         given = np.array(twists, dtype=np.float64)
         return np.concatenate([given[..., :3] @ self.matrix, -given[..., 3:] @ self.matrix], axis=-1)
 

@@ -66,7 +66,7 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
     places, piece = _evenly(path)
     reach = max(1, math.ceil(jump / piece)) if piece > 0 else 1
     number = np.arange(len(places))
-    counted = np.full(len(places), -np.inf)  # the largest covered length if the hand has come to each place
+    counted = np.full(len(places), -np.inf)  # largest covered length if the hand has reached this place
     counted[0] = 0.0
     behind = np.full(len(places) + reach, -np.inf)
     beside = np.zeros((len(position[:: _stride(position)]), len(places) + 2), dtype=bool)
@@ -75,8 +75,8 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         entered = counted[first:last].copy()
         if first:
-            entered = np.maximum(entered, counted[:first].max())  # over a gap that does not count
-        # Over a gap that counts: from the places before the run, within reach of each place in the run.
+            entered = np.maximum(entered, counted[:first].max())  # after a gap that does not count
+        # After a gap that counts: from the places before the run, within reach of each place in the run.
         begin = max(0, first - reach)
         behind[reach + begin : reach + first] = counted[begin:first] - number[begin:first]
         ends = min(last, first + reach)

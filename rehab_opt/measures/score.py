@@ -68,7 +68,7 @@ class Measure(NamedTuple):
 
 
 class HandMotion(NamedTuple):
-    """N even, low-passed samples of a hand, and its threshold of movement."""
+    """N low-passed samples of a hand at even times, and the speed threshold of movement."""
 
     even: EvenSamples
     path: Array

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 __all__ = ["MAX_STRETCH", "ROUND_TRIP", "SMALLEST_STRETCH", "Audit", "random_points"]
 
 # Local stretch over the pair's overall ratio from which a map is refused. Between a disc and a set ten times as long as
-# wide a map of equal areas must stretch by sqrt(10) = 3.2 somewhere; half as much again is left for shape. Where W_c
-# (6 cm) drives W_r (overall 5.4) a tremor of 2 mm then moves the other side by 5.4 cm at most.
+# wide a map of equal areas must stretch by sqrt(10) = 3.2 somewhere; half as much again is a margin for shape. If W_c
+# (6 cm) drives W_r (overall 5.4), a tremor of 2 mm then moves the other side by 5.4 cm at most.
 MAX_STRETCH = 5.0
 SMALLEST_STRETCH = 1.0 / MAX_STRETCH
-# [m], asked for by the issue.
+# [m]
 ROUND_TRIP = 1e-9
 
 

@@ -93,7 +93,7 @@ class DeterminantBounds(NamedTuple):
 
 
 def certificate(spline: PlaneMap, source: Workspace, target: Workspace) -> Certificate:
-    """Certificate of a map from one workspace into another, each one piece without holes."""
+    """Certificate of a map from one workspace into another; both are in one piece and without holes."""
     return examined(spline, source, target)[0]
 
 

@@ -35,10 +35,10 @@ class ClinicalAngle(NamedTuple):
     """Use of one clinical angle in the model."""
 
     column: str  # name in the files of Vanmechelen et al.
-    name: str  # clinical name, positive as the name says
+    name: str  # clinical name; the name gives the positive direction
     sign: int  # clinical value = sign * (value in the file)
-    joints: tuple[str, ...]  # model joints it moves
-    zero: str  # what zero means
+    joints: tuple[str, ...]  # model joints that this angle moves
+    zero: str  # posture at zero
     sure: str  # "high": shown by forward kinematics; "fair": convention read off the data; "low": a choice
     why: str
 
@@ -138,7 +138,7 @@ def isb_shoulder(joint_2: ArrayLike, joint_3: ArrayLike, joint_4: ArrayLike) -> 
     elevation = np.arctan2(raised, ca * cf)
     hangs = raised < HANGING
     plane = np.where(hangs, 0.0, -(turn + np.arctan2(-sf, sa * cf)))
-    # Of R = Rz(turn) Ry(a) Rx(flexion) the first two of the last row, or all of a turn about the arm itself.
+    # The first two entries of the last row of R = Rz(turn) Ry(a) Rx(flexion), or all of R for a hanging arm.
     axial = np.where(hangs, -turn, np.arctan2(-ca * sf, sa))
     return _wrapped(plane), elevation, _wrapped(axial)
 

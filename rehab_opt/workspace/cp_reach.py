@@ -152,7 +152,7 @@ def group_range(
     rows = {column: len(reach.angles[column]) for column in columns}
     limits, spread, trials, samples = {}, {}, {}, {}
     for joint, curves in _model_curves(reach.angles, pronation_zero).items():
-        lowers, uppers = curves.min(axis=-1), curves.max(axis=-1)  # of smooth means of several reaches
+        lowers, uppers = curves.min(axis=-1), curves.max(axis=-1)  # rows are smooth means of several reaches
         limits[joint] = (float(np.quantile(lowers, 1 - cover)), float(np.quantile(uppers, cover)))
         spread[joint] = (_deviation(lowers), _deviation(uppers))
         trials[joint] = min(rows[column] for column, angle in columns.items() if joint in angle.joints)

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 __all__ = ["DiscMap", "disc_map", "harmonic_images", "interpolate", "turns"]
 
-# Points of each mesh, roughly.
+# Approximate number of points of each mesh.
 MESH_POINTS = 2500
-# Turns of the disc that are compared.
+# Number of rotations of the disc that are compared.
 TURNS = 720
 # Smallest weight of an edge, relative to that of an edge between equilateral triangles: keeps weights positive in
 # floating point.
 MIN_WEIGHT = 1e-6
-# Triangles looked at around a point that is to be located.
+# Number of triangles near a point that are searched for it.
 NEIGHBOURS = 32
 
 

@@ -1,4 +1,4 @@
-"""A square lattice whose nodes find their distance to the slice, starting from their neighbours' postures."""
+"""A square lattice; each node's distance to the slice is searched from the postures of its neighbours."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class Lattice:
     ----------
     search : solver for one node.
     spacing : [m].
-    others : function from a point to further start postures, for points that the first offer did not reach.
-    spreads : function from a node to whether its neighbours are created.
+    others : function (x, y) -> further start postures, for points that the first offer did not reach.
+    spreads : function (node) -> whether the node's neighbours are created.
     max_offers : number of unpromising postures of neighbours that an outside node tries.
     """
 
@@ -122,7 +122,7 @@ class Lattice:
                 if makes:
                     offers.append((other, posture))
             elif known.distance > 0.0:
-                # The slice's point that belongs to this node may be nearer than what the other one knows.
+                # The point of the slice found for this node may be nearer to the other node than that node's own.
                 if math.hypot(i * spacing - node.x, j * spacing - node.y) < known.distance - IMPROVED:
                     offers.append((other, posture))
                 elif known.offers < self.max_offers:

@@ -239,7 +239,7 @@ class _Net:
         dense = metric.toarray()
         n = len(dense)
         root = np.linalg.cholesky(dense + 1e-9 * np.trace(dense) / n * np.eye(n))
-        back = np.linalg.inv(root).T  # coordinates in which the cost is about round
+        back = np.linalg.inv(root).T  # coordinates in which the Hessian is near the identity
         z, value = (root.T @ self.fitted(images)).ravel(), np.inf
 
         def cost(z: Array) -> tuple[float, Array]:

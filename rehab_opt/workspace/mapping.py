@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
 __all__ = ["WorkspaceMap"]
 
-# Most landmarks of the published rule that may be asked for.
+# Largest number of landmarks of the published rule.
 MOST = 2000
-# Points whose images are kept as starts of the inverse.
+# Number of points whose images serve as starts of the inverse.
 STARTS = 2000
 # A drawing's image over the largest copy that fits, points along it, and the weight of their mean squared distance from
 # that copy in sets of unit area.
 TASK_SIZE, TASK_POINTS, TASK_WEIGHT = 0.88, 200, 1000.0
 # Largest scale of that image over sqrt(area of the target / area of the source): all else has to be squeezed for it.
 TASK_SCALE = 1.5
-# How far from the source a preimage may lie by rounding [m].
+# Largest distance of a preimage from the source due to rounding [m].
 ROUNDING = 1e-9
 
 
@@ -145,8 +145,8 @@ class WorkspaceMap:
     def inverse(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points of the source [m] with these images (2,) or (N, 2) [m]; NaN if there is none.
 
-        Exact, by Newton's method on the map. The inverse does not cover the whole target (see the audit's coverage); to
-        map the whole target, build the map in the other direction.
+        Newton's method on the map finds them exactly. The inverse does not cover the whole target (see the audit's
+        coverage); to map the whole target, build the map in the other direction.
         """
         wanted = point_array(points)
         many = wanted.reshape(-1, 2)
@@ -243,7 +243,7 @@ def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | Non
             singular = what[:-1]
             both = f"source has {here} {what if here != 1 else singular}, target {there}"
             raise ConfigurationError(name, each, f"one component without holes in both workspaces; {both}")
-    if rule not in ("safe", "polar"):  # a tuple: what cannot be hashed is refused like the rest
+    if rule not in ("safe", "polar"):  # a tuple, so that unhashable values are refused, too
         raise ConfigurationError("rule", rule, '"safe" or "polar"')
     if landmarks is not None:
         counted = isinstance(landmarks, int | np.integer) and not isinstance(landmarks, bool)

@@ -148,7 +148,7 @@ def _inserted(search: PlaneSearch, a: Nearest, b: Nearest, tolerance: float) -> 
         if deeper is not None and deeper.distance > tolerance:
             best = deeper
             break
-    # Nothing new: the notch is narrower than the chord tells.
+    # A vertex near an old one is dropped: the notch is too narrow.
     known = min(math.hypot(best.x - each.x, best.y - each.y) for each in (a, b))
     return best if known > tolerance / 2 else None
 

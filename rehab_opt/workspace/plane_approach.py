@@ -140,7 +140,7 @@ def _step(statement: PlaneStatement) -> ca.Function:
     held = ca.logic_or(ca.logic_and(x <= lower, downhill < 0), ca.logic_and(x >= upper, downhill > 0))
     least, most = ca.fmax(lower - x, -LONGEST), ca.fmin(upper - x, LONGEST)
     step = ca.SX.zeros(k)
-    for _ in range(PASSES):  # joints that would leave their limits stop there, and the others make up for them
+    for _ in range(PASSES):  # joints stop at their limits, and the other joints compensate
         free = slopes @ ca.diag(1 - held)
         root = ca.chol(ca.densify(free @ free.T + damping * ca.SX.eye(rows)))
         others = -free.T @ ca.solve(root, ca.solve(root.T, off + slopes @ (held * step)))

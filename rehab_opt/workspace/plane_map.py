@@ -70,7 +70,7 @@ class PlaneMap(ABC):
         array = point_array(points)
         if array.ndim == 2:
             return self.values(array)
-        one = self._one.mine  # written and read here: in a tick, `of` takes as long as the spline
+        one = self._one.mine  # direct access: in a tick, `of` would take as long as the spline
         one.inputs[0][:] = array
         one.evaluate()
         return one.outputs[0].copy()
@@ -137,7 +137,7 @@ class PlaneMap(ABC):
                 busy, step = busy[~better], 0.5 * step[~better]
                 if not len(busy):
                     break
-        at += np.nan_to_num(_solved(slopes, off))  # the last digits
+        at += np.nan_to_num(_solved(slopes, off))  # a last step, for the last digits
         at[~(np.hypot(*off.T) <= enough)] = np.nan
         return at
 
@@ -188,7 +188,7 @@ class PlaneMap(ABC):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.freeze()  # pickle forgets it
+        self.freeze()  # pickle does not keep the flag
 
 
 def _solved(slopes: Array, right: Array) -> Array:

@@ -54,7 +54,7 @@ class _Solvers(threading.local):
         self._made: dict[tuple[object, ...], tuple[SQP, PlaneApproach]] = {}
 
     def of(self, statement: PlaneStatement, compile: Compile) -> tuple[SQP, PlaneApproach]:
-        key = (statement.nearest, how(compile), recorder_now())  # a solver tells the recorder of its making
+        key = (statement.nearest, how(compile), recorder_now())  # new solvers register with the recorder
         if key not in self._made:
             if len(self._made) >= KEPT:
                 del self._made[next(iter(self._made))]

@@ -232,7 +232,7 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
         return []
     if kind == "line":
         return [equal(axis[:2], ca.SX.zeros(2)), within(axis[2], 0.0, ca.inf)]
-    # Below horizontal the unit does not matter, and almost straight down the sine would blow the row up.
+    # Below horizontal the unit does not matter, and near straight down the sine is almost zero.
     slope = ca.sin(tilt) if kind == "cone" else 1.0
     return [within((axis[2] - ca.cos(tilt)) / slope, 0.0, ca.inf)]
 

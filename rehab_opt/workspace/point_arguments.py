@@ -20,7 +20,7 @@ _EXPECTED = "points (2,) or (N, 2), numbers in metres"
 def one_point(points: ArrayLike) -> tuple[float, float] | None:
     """The coordinates of a point (2,); None for other input, which `point_array` handles."""
     if type(points) is np.ndarray:
-        if points.dtype is _FLOATS and points.shape == (2,):  # the usual case, in a tick
+        if points.dtype is _FLOATS and points.shape == (2,):  # the usual case in a tick
             x, y = points.tolist()
             return x, y
     elif isinstance(points, tuple | list) and len(points) == 2:
@@ -41,7 +41,7 @@ def single_point(point: ArrayLike) -> tuple[float, float]:
     if type(point) is np.ndarray and point.dtype is _FLOATS and point.shape == (2,):
         x, y = point.tolist()
         return x, y
-    if isinstance(point, tuple) and len(point) == 2:  # of a gate, in a tick
+    if isinstance(point, tuple) and len(point) == 2:  # from a gate in a tick
         x, y = point
         if isinstance(x, float) and isinstance(y, float):
             return float(x), float(y)

@@ -1,4 +1,4 @@
-"""The published landmarks: points where lines at equal angles leave both workspaces. Section V, Rossa et al.
+"""The published landmarks: points where lines at equal angles leave the two workspaces. Section V, Rossa et al.
 
 The map folds and leaves the target on workspaces that are not star-shaped around their centre; an audit measures this.
 The paper leaves three choices open. The centre of a workspace is its centroid. If a line leaves a workspace several
@@ -22,7 +22,7 @@ __all__ = ["LANDMARKS", "LandmarkPairs", "polar_landmarks"]
 
 # Fig. 8.
 LANDMARKS = 20
-# Rotations that are compared for "best".
+# Number of rotations that are compared for "best".
 ROTATIONS = 360
 
 
@@ -80,7 +80,7 @@ def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDAr
 
 
 def _fit(start: NDArray[np.float64], end: NDArray[np.float64], rotation: float) -> float:
-    """Negative squared residual, up to a constant, of a similarity with this rotation fitted to the pairs."""
+    """How well a similarity with this rotation fits the pairs: minus the squared residual, plus a constant."""
     both = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     if both.sum() < 3:
         return -np.inf

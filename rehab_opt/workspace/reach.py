@@ -34,7 +34,7 @@ MORE = 1024
 CONSTANT = 1e-6
 """[m, rad] Tolerance of a height or tilt that no joint changes."""
 FAR = 100.0
-"""[m]"""
+"""[m] Largest accepted magnitude of a prismatic joint's limit."""
 
 
 class Slice(NamedTuple):

@@ -160,7 +160,7 @@ def flip_suspects(rows: Array) -> NDArray[np.bool_]:
     deviation = 1.4826 * float(np.median(np.abs(means - middle)))
     away = np.sqrt(np.mean((rows - typical) ** 2, axis=1))
     turned = np.sqrt(np.mean((-rows - typical) ** 2, axis=1))
-    signed = abs(middle) > SIGNED * deviation  # trunk angles are near zero: their sign says nothing
+    signed = abs(middle) > SIGNED * deviation  # trunk angles are near zero: their sign is arbitrary
     return np.asarray(signed & (means * middle < 0) & (away > CLEAR * deviation) & (turned < CLOSE * deviation))
 
 

@@ -50,7 +50,7 @@ class ReachabilityMap:
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.x, self.y, self.grid, self.workspaces, self.weights)  # pickle forgets what is frozen
+        return type(self), (self.x, self.y, self.grid, self.workspaces, self.weights)  # pickle drops the read-only flag
 
     @property
     def empty(self) -> int:
@@ -124,7 +124,7 @@ def fractions(workspaces: Sequence[Workspace], weights: Array, points: Array) ->
     for workspace, weight in zip(workspaces, weights, strict=True):
         if not workspace.empty and len(points):
             total += weight * np.asarray(workspace.contains(points))
-    return np.where(total > 1 - ROUNDING, 1.0, total)  # of all trials is certain, and has no error of its own
+    return np.where(total > 1 - ROUNDING, 1.0, total)  # exactly one if all trials contain the point
 
 
 def _union(faces: NDArray[Any]) -> Any:

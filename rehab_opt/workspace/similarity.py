@@ -97,7 +97,7 @@ def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"])
     zero, one = np.zeros(len(few)), np.ones(len(few))
     by_x = np.stack([np.column_stack([few[:, 0], few[:, 1]]), np.column_stack([-few[:, 1], few[:, 0]])], axis=2)
     columns = np.concatenate([by_x, np.stack([[one, zero], [zero, one]]).transpose(2, 0, 1)], axis=2)
-    if rotation != "best":  # the scale alone, along the given turn
+    if rotation != "best":  # scale and shift vary; the turn is given
         along = columns[:, :, 0] * cosine + columns[:, :, 1] * sine
         columns = np.concatenate([along[:, :, None], columns[:, :, 2:]], axis=2)
     k = columns.shape[2] - 2

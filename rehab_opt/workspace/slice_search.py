@@ -71,7 +71,7 @@ class SliceSearch:
         self.ratio = math.ceil(spacing / (FINE * accuracy))
         self.fine_spacing = spacing / self.ratio
         self._seed_tree, self._seed_postures = cKDTree(points), np.array([seed.posture for seed in seeds])
-        # A posture that was not asked to come nearer than it could holds fewer joints at their limits.
+        # A posture at the slice has fewer joints at their limits than one that tried to come nearer.
         free = [seed.posture for seed in seeds if seed.distance == 0.0] or [seed.posture for seed in seeds]
         self._others = itertools.cycle(free)
         self.coarse = Lattice(
@@ -117,7 +117,7 @@ class SliceSearch:
         """Spread until the level curves are closed."""
         self.fine.spread()
         while missing := missing_nodes(self.fine, LEVEL * self.fine_spacing):
-            # What is nearer than the level has a posture.
+            # Nodes nearer than the level have a posture.
             known = [(key, self.fine.nodes[near].posture) for key, near in missing]
             self.fine.offer((key, posture) for key, posture in known if posture is not None)
             self.fine.spread()

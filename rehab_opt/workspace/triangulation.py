@@ -90,7 +90,7 @@ def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
         a, b, c = (points[triangles[:, k]] for k in range(3))
         area = cross(b - a, c - a)
         triangles[area < 0.0] = triangles[area < 0.0][:, ::-1]
-        triangles = triangles[np.abs(area) > 1e-6 * spacing**2]  # between points of one straight line
+        triangles = triangles[np.abs(area) > 1e-6 * spacing**2]  # triangles of three points on one line are dropped
         if _is_disc(triangles, len(points), count):
             return PlaneMesh(points, triangles.astype(np.intp), count)
         spacing /= 2.0

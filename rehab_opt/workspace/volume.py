@@ -39,7 +39,7 @@ ACROSS = 4.0
 
 @dataclass(frozen=True, eq=False)
 class ReachableVolume:
-    """Points that a hand reaches, with the handle within a tilt of the vertical or, if None, in any orientation.
+    """Points that a hand reaches with the handle within a tilt of the vertical, or with the handle free (tilt None).
 
     Each slice represents a slab that ends halfway to its neighbours. Picklable.
 
@@ -65,12 +65,12 @@ class ReachableVolume:
 
     @cached_property
     def volume(self) -> float:
-        """[m^3] of the slabs: area times thickness."""
+        """[m^3] volume of the slabs: the sum of area times thickness."""
         return float(self._thickness @ [each.area for each in self.slices]) if self.slices else 0.0
 
     @cached_property
     def volume_bound(self) -> float:
-        """[m^3] bound of the difference between the mesh's own volume and `volume`.
+        """[m^3] bound of the difference between the volume of the mesh and `volume`.
 
         Between two slices A and B the mesh contains at least their intersection and at most their union; the slabs
         contain the mean of both. The bound is half of the symmetric difference plus the node spacing along the

@@ -187,7 +187,7 @@ def _axes(axis: Array) -> Array:
 
 
 def _at(joint: Joint, value: object) -> Array:
-    """(4, 4) transform of a joint at a value."""
+    """(4, 4) motion of a joint from zero to a joint value."""
     try:
         amount = float(real_array(value))
     except (TypeError, ValueError, OverflowError):

@@ -48,7 +48,7 @@ class Joint(NamedTuple):
 
 
 class Inertial(NamedTuple):
-    """Mass of a link, in its own frame."""
+    """Mass, centre of mass and inertia of a link, in the link's frame."""
 
     mass: float
     """[kg]"""
