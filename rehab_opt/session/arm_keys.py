@@ -125,7 +125,7 @@ class TableOneRange(RangeOfMotion):
 
 
 class GoniometerRange(RangeOfMotion):
-    """A person's own range as a goniometer measures it; names, zeros and signs of the AAOS, alike for both arms.
+    """A person's own range as a goniometer measures it, in the AAOS convention, which is the same for both arms.
 
     Zero: the arm hangs, elbow straight, thumb forward, hand in line with the forearm. Each movement is measured alone
     as [lower, upper] in the direction of its name: [-60, 180] is 60 deg of extension to 180 deg of flexion.
@@ -255,7 +255,7 @@ class ArmInPlane(Section):
     plane_height_m: Length = -0.24
     """Height z of the plane in the frame of the shoulder."""
     accuracy_mm: float = Field(default=1.0, ge=0.01, le=50)
-    """Largest distance between the computed boundary and the true one."""
+    """Largest distance between the computed boundary of the workspace and the true one."""
     shoulder_m: Triple = Field(default=[0.0, 0.0, 0.0])
     """Position of the shoulder in the robot's frame."""
     shoulder_turn_deg: float = Field(default=0.0, ge=-360, le=360)

@@ -85,7 +85,7 @@ class ClearPersonSection(Section):
     shoulder_m: Triple
     """Position of the shoulder."""
     facing_deg: float = Field(default=0.0, ge=-360, le=360)
-    """Direction in which the person looks: 0 is the frame's x axis, counterclockwise."""
+    """Direction in which the person looks, counterclockwise from the frame's x axis."""
     angles_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )

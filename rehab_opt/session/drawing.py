@@ -78,7 +78,7 @@ def framed(caption: str, height: float, width: float = WIDE) -> Figure:
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist] = ()) -> Figure:
-    """Add one legend below all axes, for `handles` or, without them, for all labels of the axes; return the figure."""
+    """Add one legend below all axes, for `handles` or, by default, for all labelled curves; return the figure."""
     of: dict[str, Artist] = {}
     for axes in figure.axes if not handles else ():
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -90,7 +90,7 @@ def legend_below(figure: Figure, handles: Sequence[Artist] = ()) -> Figure:
 
 
 def label_times(panels: Iterable[Axes], *labels: str, time: str = "time [s]", from_zero: bool = False) -> None:
-    """Label panels above each other that share a time axis; with `from_zero`, their y axes start at zero."""
+    """Label a column of panels that share a time axis; with `from_zero`, their y axes start at zero."""
     for panel, label in zip(panels, labels, strict=True):
         panel.set_ylabel(label)
         if from_zero:
@@ -123,7 +123,7 @@ LAW_STYLES: Mapping[str, Mapping[str, Any]] = {
     "published": {"color": OKABE_ITO[1], "linestyle": "--", "label": "published controller"},
 }
 STRETCHED = 2.0
-"""A panel ends at this multiple of its limit at the latest; a note names the curves that go beyond."""
+"""No panel extends beyond this multiple of its limit; a note names the curves that do."""
 
 
 class Panel(NamedTuple):
@@ -152,7 +152,7 @@ def figure_over_time(
     """Figure with a row for each panel, a column for each group of traces, and a curve for each controller.
 
     `events` are times [s] by group, which are marked and numbered from 1; the legend calls them `event`. `gaps` are
-    hatched. A panel ends at twice its limit at the latest, and a note names the curves that go beyond.
+    hatched. No panel extends beyond twice its limit; a note names the curves that do.
     """
     count = max(len(trace["t_s"]) for of in groups.values() for trace in of.values())
     figure = framed(f"{caption} n = {count} ticks a run.", 0.7 + 1.3 * len(panels))

@@ -1,4 +1,4 @@
-"""Problem files: found by path or by the name of a shipped problem, read and validated."""
+"""Find problem files by path or by the name of a shipped problem, read them, and validate them."""
 
 from __future__ import annotations
 
@@ -108,8 +108,8 @@ def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
     """Content of a problem, with the tables of the recording descriptions that it names.
 
     A problem names a description by `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror =
-    true}`; its own keys, and
-    a placement of its own, override the description's.
+    true}`.
+    The problem's own keys and its own placement override those of the description.
     """
     if isinstance(content, list):
         return [_with_descriptions(each, folder, file) for each in content]
@@ -212,7 +212,8 @@ def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "
 
 
 def recording_state(file: str) -> tuple[str, str]:
-    """Title of a problem file, and whether the recordings that are not shipped with it are present.
+    """Two texts: the title of a problem file, and whether the recordings that it needs from the data folder are
+    present.
 
     Raises
     ------

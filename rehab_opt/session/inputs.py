@@ -67,7 +67,7 @@ def _contents(config: ProblemFile[Any]) -> Iterator[tuple[Needed, bytes]]:
 
 
 def _source_outside(kind: type) -> bytes:
-    """Source code of a kind of problem from another distribution: its module, or the whole package around it."""
+    """Source code of a problem kind that another distribution provides: its module, or the whole package around it."""
     package = kind.__module__.partition(".")[0]
     if package == __name__.partition(".")[0]:
         return b""

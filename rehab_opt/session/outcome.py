@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Names = tuple[Any, ...]
 """Name of one scene of a run, such as (drive, controller) or (controller, trial)."""
 Progress = Callable[[str, int, int], None]
-"""Called with the current step, the number of finished items, and the number of all items."""
+"""Callback with the name of the current step, the number of finished items, and the number of all items."""
 
 
 def with_progress(progress: Progress, what: str, items: Collection[T]) -> Iterator[T]:

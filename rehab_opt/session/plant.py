@@ -67,7 +67,7 @@ class PlantTable(Section):
         return self
 
     told_truly: ClassVar[str] = "positions and speeds are"
-    """Words of a note on the quantities that metrics and figures take from the true state."""
+    """Text for a note: the quantities that metrics and figures take from the true state."""
 
     @property
     def imperfections(self) -> str:

@@ -187,7 +187,7 @@ a path's first point [m/s] and its time step [s]."""
 
 
 def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...], Gaps]:
-    """Poses (N, 4, 4) and twists (N, 6) along the points of a file, notes on the file, and its gaps (from, to) [s].
+    """Four results: poses (N, 4, 4) and twists (N, 6) along the points of a file, notes, and gaps (from, to) [s].
 
     All poses have the orientation of the starting pose `start` (4, 4). Gaps are on the clock of the poses.
 

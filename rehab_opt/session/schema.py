@@ -21,7 +21,7 @@ NAME, TABLE, NAMED, GONIOMETER = FORMS = ("<name>", "<table>", "<named>", "<goni
 """Names of the forms that a key's value may have; pydantic reports these names in the location of an error."""
 
 UNUSABLE_SOLVERS = ("scpgen",)
-"""Solvers of CasADi that cannot be built for these problems and print warnings."""
+"""CasADi solvers that print warnings and cannot be built for these problems."""
 USABLE = "a solver that this problem can be given to"
 
 TO_SI = {"mm": 1e-3, "ms": 1e-3} | dict.fromkeys(("deg", "deg_s", "deg_s2", "deg_s3"), math.pi / 180)

@@ -37,7 +37,7 @@ OBSTACLE, ARM = "#BBBBBB", OKABE_ITO[5]
 INSTANTS = 4
 """Number of instants at which the chair is drawn, from the first to the last."""
 SEEN = 100
-"""Number of arm postures, evenly spaced over the run, that the picture covers."""
+"""Number of arm postures, evenly spaced over the run, that must fit into the picture."""
 EDGE = 0.35
 """[m] Margin around everything that moves."""
 ABOVE = 0.03

@@ -111,8 +111,8 @@ def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[s
     """Fractions of the hand's path and of its rotation that arm and chair contribute; the two add up to one.
 
     The hand's velocity is the sum of one velocity from the chair and one from the arm. The component of either along
-    the hand's motion, integrated over time and divided by the hand's path, is its fraction. A fraction is negative if
-    that motion opposes the hand's, and above one if the other one does.
+    the hand's motion, integrated over time and divided by the hand's path, is its fraction. A fraction is negative
+    if its velocity opposes the hand's, and above one if the other velocity does.
     """
     jacobians, velocity = trace["jacobian"][when], trace["_world"][when]
     chair = np.einsum("nij,nj->ni", jacobians[:, :, :CHAIR], velocity[:, :CHAIR])

@@ -136,7 +136,7 @@ class ArdisScene(Scene):
         return nearest_bodies(section, self._config.file, robot, trace["joint"], trace["t_s"])
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Goals, contributions of chair and arm, effort and limits; for our controller also the closest bodies."""
+        """Metrics of goals, chair and arm, kinetic energy and limits; for our controller also the closest bodies."""
         numbers = motion_metrics(self.robot, self.drive, trace, self.dt, room=self.room, goals=self.problem.goals)
         near = self.near(trace) if self.law == "optimised" else None
         return numbers if near is None else numbers | {"clearance": near.metrics}

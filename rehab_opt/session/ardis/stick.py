@@ -1,4 +1,4 @@
-"""A stick over time: its deflections and buttons; recorded sticks."""
+"""Deflections and buttons of a stick over time, from a recording."""
 
 from __future__ import annotations
 

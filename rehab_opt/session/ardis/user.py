@@ -28,11 +28,11 @@ PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
 
 
 class SimulatedUser:
-    """A stick moved by a simulated user; one user steers one controller once.
+    """A stick that a simulated user moves; every run needs a new user.
 
     Parameters
     ----------
-    goals : at least one. joystick : its modes and its dead zone, which the user knows.
+    goals : at least one. joystick : the user knows its modes and its dead zone.
     """
 
     def __init__(self, goals: Sequence[GoalSection], joystick: Joystick) -> None:

@@ -38,9 +38,9 @@ class HandPoses:
 
 
 def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> HandPoses:
-    """Read hand poses from a file with the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or from the numbered columns.
+    """Read hand poses by the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or by column numbers from a file without a header.
 
-    A file that is read by column numbers has no header. An empty or nan cell means that the tracker had lost the hand.
+    An empty or nan cell means that the tracker had lost the hand.
     The separator is found as by `read_csv`.
 
     Parameters

@@ -56,8 +56,8 @@ def tracker_of(
     """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are other arguments of
     `MirrorTracker`.
 
-    With `live`, the tracker limits the reference in each tick to what the person's arm can reach; the reference
-    `setup.led` is already limited.
+    With `live`, the tracker limits the reference in each tick to what the person's arm can reach. Without it, the
+    reference must be `setup.led`, which is limited in advance.
     """
     section = problem.tracker
     planes = planes_of(section.keep_out, file, "tracker.keep_out")

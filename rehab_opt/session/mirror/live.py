@@ -75,7 +75,7 @@ class LiveMirror(Scene):
         }
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The tracker of `rehab-opt run`."""
+        """Control with the tracker of `rehab-opt run`."""
         problem, setup = self._config.problem, self._setup
         tracker = tracker_of(problem, setup, file=self._config.file, live=True)
         plant = TouchedPlant(joint_plant(problem.plant, self.chain, self.dt)) if plant is None else plant

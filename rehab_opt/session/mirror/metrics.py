@@ -189,7 +189,7 @@ def passed_fraction(tool: Array, reference: Array) -> float:
 
 
 def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict[str, Any]:
-    """Metrics of the published path, which has no times: distance of each reference position to its nearest point."""
+    """Metrics of the published path, which has no times; deviations are those of reference positions from it."""
     w = np.array([bounds.chain.manipulability(each) for each in path.q]) / bounds.max_manipulability
     return {
         "positions": len(path.q),

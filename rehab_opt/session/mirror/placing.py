@@ -1,8 +1,9 @@
-"""Search a seat for the patient of a mirrored recording, and the robot's grip; then run the best candidates.
+"""Search for a seat of the patient in a mirrored recording, and for the robot's grip; then run the best candidates.
 
 The unknowns are the position and direction of the patient, and the grip. They follow from the robot's posture at one
 pose of the path, and from the patient's direction. For each candidate, a search computes the fraction of the path that
-the robot can follow at any speed (`Seats`). The best candidates that differ enough are run as by `rehab-opt run`, and
+the robot can follow, regardless of time (`Seats`). The best candidates that differ enough are run as by `rehab-opt
+run`, and
 the best run wins.
 """
 
@@ -218,7 +219,7 @@ class _Search:
         return np.where(self.admitted(drawn), found, 0.0)
 
     def counted(self, one: Array) -> float:
-        """Fraction of the poses in reach from a seat (n + 1,)."""
+        """Fraction of the poses that are within reach from the seat `one` (n + 1,)."""
         return float((self._walk(one[None]).done[:, 0] & self.wanted).sum() / self.counted_on.sum())
 
     def _walk(self, drawn: Array) -> Walk:

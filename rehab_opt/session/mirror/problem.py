@@ -60,7 +60,7 @@ class PoseRecordingSection(Section):
 
     @model_validator(mode="after")
     def axes_and_columns_differ(self) -> Self:
-        """Refuse `fingers` and `back` on one axis, one key with column numbers alone, and fewer than three rows."""
+        """Refuse `fingers` and `back` along one axis, only half of the column numbers, and fewer than three rows."""
         if self.fingers[1] == self.back[1]:
             raise refusal("back", self.back, f"an axis across fingers = {self.fingers}")
         if (self.position_columns is None) != (self.quaternion_columns is None):
@@ -138,7 +138,8 @@ class PatientArmSection(Section):
     start_deg: Annotated[list[Annotated[float, Field(ge=-360, le=360)]], Field(min_length=8, max_length=8)] | None = (
         None
     )
-    """Starting posture of this arm's model in live runs, where the future is unknown, in Table I's convention; default:
+    """Starting posture, in Table I's convention, of this arm's model in live runs, where the future is unknown;
+    default:
     the middle of its range. The model searches near its last posture, so another start may reach more poses."""
     range_of_motion: OneRange
     """A named range of Rossa et al., a table of all eight joints' limits, or goniometer angles."""
@@ -152,7 +153,7 @@ class PatientSection(Section):
     sagittal_point_m: Triple
     """A point of the sagittal plane, which is vertical."""
     facing_deg: float = Field(ge=-360, le=360)
-    """Direction in which the patient looks: 0 is the robot's x axis, counterclockwise."""
+    """Direction in which the patient looks, counterclockwise from the robot's x axis."""
     FILES: ClassVar = ("track_file",)
     track_file: str | None = Field(default=None, min_length=1)
     """File with poses of the patient's torso or helmet, one for each sample of `recording.file`, with the same stamps,

@@ -77,7 +77,7 @@ def _astar_times(task: Mirrored) -> Array:
 
 
 def _manipulability(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
-    """Figure of manipulability over the reference's own time, at which all controllers are at the same pose."""
+    """Figure of manipulability over the time of the reference, so that controllers are compared at the same pose."""
     floor, end = task.bounds.floor, float(_times(task)[-1])
     figure = framed(
         "Manipulability as a fraction of the robot's largest, over the reference's own time, with the floor of "

@@ -43,7 +43,7 @@ NONE = 1e-3
 
 
 def field_figure(context: Precomputed) -> Figure:
-    """Magnitude (colour) and direction (arrows) of the desired force on a hand at rest."""
+    """Figure of the desired force on a hand at rest: magnitude (colour) and direction (arrows)."""
     mapped, most = context.demonstrated is not None, context.problem.assistance.force_limit_N
     acts = "zero within $W_c$" if context.mode in THERAPY else "within $W_c$; outside there is only a pull back into it"
     nearest = "It is the spring to the path's nearest point; a run pulls to the point of its progress. "
@@ -183,7 +183,7 @@ CURVES: Mapping[Law, tuple[str, str]] = {
 
 
 def along_figure(of: ScenarioTrials) -> Figure:
-    """Force along the path, negative against the motion; the target is at the right."""
+    """Figure of the force along the path, negative against the motion; the target is at the right."""
     figure = framed(
         "Force along the path towards the target; below 0 it resists. The fields at rest, and thin the commanded force "
         f"of every trial outside $W_c$, with damping. {count_words(of)}",

@@ -224,7 +224,7 @@ def _draw_paths(axes: Axes, of: ScenarioTrials, law: Law) -> None:
 
 
 def _draw_over_time(axes: Axes, law: Law, trials: Sequence[Trace], value: Callable[[Trace], Array]) -> None:
-    """A thin line for `value` (N,) of each trial, a thick one for their mean."""
+    """Draw a thin line for `value` (N,) of each trial, and a thick one for their mean."""
     values = [value(trial) for trial in trials]
     for trial, of in zip(trials, values, strict=True):
         # The largest value since the previous row, so that no peak is lost.

@@ -68,7 +68,8 @@ def driven(
     ------
     drive_t_s (N,), drive (N, n) : time [s] at which the drive passes each sample, and its joint positions then [rad].
     drive_position_error_m, drive_handle_tilt_rad (N,) : largest values while the sample is the nearest one.
-    _drive_time_s, _drive_phase_s (M,) : time of the drive, and time of the recording that belongs to it, every `DT`.
+    _drive_time_s, _drive_phase_s (M,) : time of the drive in steps of `DT`, and the corresponding time of the
+    recording.
     _drive_joint (M, n), _drive_hand (M, 3) : joint positions [rad] and hand positions [m] at these times.
     _drive_deviation (n,) : joint deviation as in `SmoothPath`.
     """

@@ -45,7 +45,7 @@ LAWS = ("optimised", "published")
 KEYS = keys_of(arm=ArmSection, optimised=OptimisedSection, published=PublishedSection)
 """Keys of the problem file, by argument of the controllers."""
 FOLLOWED = 1e-3
-"""Largest distance [m] of the hand from a sample that counts as followed; the handle's tilt must be allowed, too."""
+"""A sample counts as followed if the hand is within this distance [m] of it, and the handle's tilt is allowed."""
 REACHED = 2e-6
 """Tolerance [m] for checking `ArmIK`'s claim that the hand is within 1e-6 m of a sample."""
 ROUNDING = 1e-6  # tolerance [rad] of the handle's tilt
@@ -219,7 +219,7 @@ def verified(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
 
 
 def _met(error: Array, tilt: Array, limit: float) -> NDArray[np.bool_]:
-    """Array (N,): whether each sample is followed, with errors [m] and tilts [rad] (N,) and a tilt `limit` [rad]."""
+    """Array (N,): whether each sample is followed, for errors (N,) [m], tilts (N,) [rad] and a tilt `limit` [rad]."""
     return np.asarray((error <= FOLLOWED) & (tilt <= limit))
 
 

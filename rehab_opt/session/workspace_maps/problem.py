@@ -41,9 +41,9 @@ class MapSection(Section):
     directions: Literal["both", "forward"] = "both"
     """Whether both directions are mapped, or only source to target."""
     polar_landmarks: int = Field(default=20, ge=3, le=2000)
-    """Number of lines of landmarks of the `polar` rule."""
+    """Number of landmark lines that the `polar` rule uses."""
     rotation_deg: Rotation = 0.0
-    """Average rotation of directions by the map: 0 keeps directions; `"best"` gives the least distortion."""
+    """Average angle by which the map rotates directions: 0 keeps them; `"best"` gives the least distortion."""
     audit_points: int = Field(default=20_000, ge=100, le=1_000_000)
     """Number of random points at which a map is audited."""
     seed: int = Field(default=0, ge=0, le=2**31)

@@ -61,7 +61,7 @@ class MappedSets:
     def run(self, progress: Progress = lambda *_: None) -> Trace:
         """Trace with one row for each sample of a trajectory; mapped samples are NaN for a rule without a map.
 
-        The column `_map` (directions, rules) has the maps.
+        The column `_map` has the maps, as an array (directions, rules).
         """
         found, rules = self._found(progress), self.problem.map.rules
         spaces = [of.workspace for of in found]
