@@ -152,7 +152,7 @@ def test_a_plan_that_stands_before_it_counts_what_it_cannot_turn_is_passed_soone
     path = robot.plan(poses, twists, motions.START)
     assert path.complete
     assert path.short[:, 1].max() > 1.0
-    assert (path.turns - path.short[:, 1]).max() <= math.radians(11)
+    assert (path.turns - path.short[:, 1]).max() <= math.radians(11.5)  # where the clock waits, not a bound
     monkeypatch.setattr(mirror_plan, "retimed", lambda tracker, plan, left: plan)
     assert path.times[-1] < robot.plan(poses, twists, motions.START).times[-1]
 
@@ -185,8 +185,8 @@ def test_between_the_places_of_a_hand_that_slides_along_a_plane_there_is_room() 
     poses, twists = sliding(5e-3)
     poses[:, 2, 3] -= 0.3 * (ur5().pose(motions.START)[2, 3] - poses[:, 2, 3])
     path = robot.plan(poses, twists, motions.START)
-    heights = robot.hand_bounds.min_heights(path.q, table)
-    assert 2e-5 < heights.min() < 6e-5
+    between = [path.q[:-1] + part * np.diff(path.q, axis=0) for part in (0.0, 0.25, 0.5, 0.75)]
+    assert 1e-6 < robot.hand_bounds.min_heights(np.concatenate(between), table).min() < 6e-5
 
 
 def test_a_passage_that_would_break_a_bound_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
