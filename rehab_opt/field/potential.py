@@ -37,9 +37,10 @@ FLAT = 1e-6
 class PotentialField:
     """Energy Phi(x) and force F(x, v) = -grad Phi - D v that lead a hand along demonstrated paths.
 
-    The energy offset phi_0 of a sample is the drag k1 times the square of a length along the path. With the remaining
-    length the drag k1 leads to the target (Eq. 21). With the travelled length it resists the motion towards the target,
-    most at the target. (With the published k1 < 0 and the remaining length, the resistance falls towards the target.)
+    The energy offset phi_0 of a sample is the drag k1 times the square of a length along the path. If this is the
+    remaining length, the drag leads a hand to the target (Eq. 21). If it is the travelled length, the drag resists the
+    motion towards the target, most strongly at the target. (With the published k1 < 0 and the remaining length, the
+    resistance falls towards the target.)
 
     Immutable; it can be pickled and shared by threads. The first evaluation compiles the function, and each thread has
     its own buffers.

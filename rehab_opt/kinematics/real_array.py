@@ -44,7 +44,7 @@ def real_array(value: Any) -> Array:
 
 
 def checked_array(argument: str, value: Any, expected: str) -> Array:
-    """`real_array(value)`, with `ConfigurationError` in place of its errors."""
+    """`real_array(value)`, but it raises `ConfigurationError` for any invalid value."""
     try:
         return real_array(value)
     except (TypeError, ValueError, OverflowError) as problem:

@@ -105,12 +105,12 @@ def fit_frame(source: ArrayLike, target: ArrayLike, *, scale: bool = False) -> F
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirror in a plane: the patient's sagittal plane, as a rule.
+    """Mirror positions, poses and twists in a plane, usually the patient's sagittal plane.
 
     A mirrored position is p' = M p, about a point of the plane, and a mirrored rotation R' = M R M_b. M is I - 2 n n^T,
     where n is the plane's unit normal. M_b reverses the axis of the hand frame that points across the hand. This axis
-    depends on the tracker, so it has no default; with M R M the mirrored fingers of many trackers would point
-    backwards.
+    depends on the tracker, so it has no default. With M R M instead, the mirrored fingers would point backwards for
+    many trackers.
     """
 
     point: tuple[float, float, float]

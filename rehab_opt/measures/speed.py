@@ -60,7 +60,7 @@ def mean_speed(velocity: ArrayLike, time: ArrayLike | None = None) -> float:
 def peak_speed(velocity: ArrayLike) -> float:
     """Largest speed [m/s]: max |v_i|. For a minimum-jerk reach of length A in time D it is 1.875 A/D.
 
-    Flash and Hogan 1985, as `mean_speed`.
+    Source: Flash and Hogan 1985, see `mean_speed`.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Audit:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """One sentence for each number that is outside its threshold; NaN always is."""
+        """One sentence for each number that is outside its threshold; NaN counts as outside."""
         ratio, margin, accuracy = self.overall_ratio, self.certificate.margin, self.target_accuracy
         largest, smallest = self.max_stretch / ratio, self.min_stretch / ratio
         found = {

@@ -209,7 +209,7 @@ def _chords(spline: PlaneBSpline, region: Polygon, stretch: float) -> _Chords:
 
 
 def _encloses(outer: _Chords, inner: _Chords) -> bool:
-    """Whether the true outer curve winds once around every point of the true inner one."""
+    """Whether the true outer curve, within its chords' error, winds once around every point of the true inner curve."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
     from shapely import get_coordinates  # noqa: PLC0415
 

@@ -1,9 +1,9 @@
 """Convert clinical (ISB) angles of the arm to the model joints of Table I, by rotations.
 
-The model's shoulder (joints 2 to 4) and wrist (6 to 8) each turn about three axes through one point, as the clinical
-angles do, but in another order and about other axes. So three clinical angles together give three model joints, exactly
-except at the two singular postures below. A table of one clinical angle per joint would be wrong: with the arm raised,
-axial rotation of the humerus is the model's adduction.
+The model's shoulder (joints 2 to 4) and wrist (6 to 8) each turn about three axes through one point. So do the clinical
+angles, but in another order and about other axes. Three clinical angles together therefore give three model joints,
+exactly except at the two singular postures below. A table of one clinical angle per joint would be wrong: with the arm
+raised, axial rotation of the humerus is the model's adduction.
 
 `CLINICAL_ANGLES` lists the assumptions and their certainty.
 """

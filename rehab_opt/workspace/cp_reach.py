@@ -111,8 +111,8 @@ def reach_groups(
 def grasp_zero(reach: ReachAngles) -> float:
     """Pronation [rad] that counts as zero, so that the median limb ends with its thumb nearest to upright.
 
-    A grasp of a vertical object ends in such a posture, so this calibrates the zero that the files leave open. It is
-    zero if the files follow ISB and the hand grasps squarely.
+    A grasp of a vertical object ends in such a posture, so this calibrates the zero that the files leave open. The
+    result is zero if the files follow ISB and the hand grasps squarely.
     """
     end = {column: float(np.median(rows[:, -1])) for column, rows in reach.angles.items()}
     shoulder = model_shoulder(end["ShAbd"], end["ShEl"], end["ShRot"])

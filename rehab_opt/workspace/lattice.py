@@ -40,7 +40,7 @@ class Node:
 
 
 class Lattice:
-    """Nodes at (i, j) * spacing, created as the search spreads; deterministic.
+    """Nodes at (i, j) * spacing, created as the search spreads; every run gives the same nodes.
 
     A local minimum can make a reachable node look unreachable. Each improved answer is therefore offered to the
     neighbours as a start until nothing improves (label correcting), and every new node also tries the starts of
@@ -80,7 +80,7 @@ class Lattice:
         yield from ((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))
 
     def offer(self, offers: Iterable[tuple[Key, Array]]) -> None:
-        """Solve for nodes from offered starts, all together; create new nodes."""
+        """Solve for all nodes with offered starts together; create the nodes that are new."""
         asked: dict[Key, list[Array]] = {}
         for key, posture in offers:
             asked.setdefault(key, []).append(posture)

@@ -69,7 +69,7 @@ def padded(layers: Array) -> Array:
 
 
 def closed_mesh(polygons: Sequence[BaseGeometry], heights: Array, *, spacing: float) -> SurfaceMesh:
-    """Surface around n >= 2 layers; every edge belongs to two triangles. Several parts and tunnels are possible.
+    """Surface around n >= 2 layers; every edge belongs to two triangles. It may have several parts and tunnels.
 
     Parameters
     ----------

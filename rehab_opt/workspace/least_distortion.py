@@ -8,8 +8,8 @@ proof. Coefficients minimise, over points of the grown source,
 
 which is least if J is a rotation and grows without bound towards det J = 0. Descent starts from a harmonic map
 (`harmonic`) and may fold temporarily: det J is smoothed around zero, less in each round. If the proof fails or too
-little of the target is used, it starts again with other weights: of the pull, and of the anchor to the one-to-one
-harmonic map.
+little of the target is used, the descent starts again with other weights of the pull and of the anchor, which draws the
+map to the one-to-one harmonic map.
 """
 
 from __future__ import annotations

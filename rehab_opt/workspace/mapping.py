@@ -139,7 +139,7 @@ class WorkspaceMap:
         return self.spline(self._inside(points))
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Derivatives d image_i / d point_j, (2, 2) or (N, 2, 2); outside, those at the nearest point of the source."""
+        """Derivatives d image_i / d point_j, (2, 2) or (N, 2, 2); outside the source, those at its nearest point."""
         return self.spline.jacobian(self._inside(points))
 
     def inverse(self, points: ArrayLike) -> NDArray[np.float64]:

@@ -124,7 +124,7 @@ class PlaneSearch:
         return found._replace(distances=away)
 
     def by_backup(self, x: float, y: float, start: Array) -> Nearest | None:
-        """As `nearest`, by another algorithm after a failure of the first; at most `BACKUP_CALLS` times."""
+        """Like `nearest`, with another solver if the first one failed; used at most `BACKUP_CALLS` times."""
         if self._backup_calls >= BACKUP_CALLS:
             return None
         self._backup_calls += 1

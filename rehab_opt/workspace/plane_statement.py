@@ -95,7 +95,7 @@ class PlaneStatement:
 
 
 class _Kind:
-    """Key that is equal for arms with equal expressions, which differ only in numerical values."""
+    """Key of an arm's expressions; it is equal for arms that differ only in numerical values."""
 
     def __init__(self, arm: SerialChain, handle_tilt: float | None) -> None:
         self.arm, self.handle_tilt = arm, handle_tilt

@@ -192,7 +192,7 @@ def _table(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
 
 
 def _repeated(rows_of: Mapping[str, Array]) -> list[str]:
-    """Notes on columns with the rows of another column."""
+    """Notes on columns that have the same rows as another column."""
     columns = list(rows_of)
     return [
         f"the rows of {second} are those of {first}: one of the files is not what it says"

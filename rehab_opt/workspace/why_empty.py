@@ -62,7 +62,7 @@ def heights(statement: PlaneStatement, *, held: bool, more: list[Array] | None =
 
 
 def _best(statement: PlaneStatement, nlp: NLP, extra: list[float], more: list[Array] | None = None) -> NLPAnswer:
-    """Answer of least cost from many starts that satisfies the rows; not compiled, since it is rare."""
+    """Best answer from many starts that satisfies the rows. The solver is not compiled, because it is rarely used."""
     solver = nlp_solver(nlp, "sqp", tolerance=TOLERANCE, compile=False)
     starts = [*(more or []), *spread_postures(statement.arm, statement.free, STARTS)]
     best = _from(solver, statement, extra, starts[0])

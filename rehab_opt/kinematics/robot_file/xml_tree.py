@@ -1,8 +1,8 @@
 """Elements and attributes of an untrusted XML file: no entity is expanded and no other file is opened.
 
 The standard library's expat is enough, since a robot's kinematics are attributes of a few elements. Errors of this
-reader name the wrong joint and key. Those of yourdfpy, pinocchio and MuJoCo do not; these packages also need 10 to 400
-MB or open meshes.
+reader name the wrong joint and key. Errors of yourdfpy, pinocchio and MuJoCo do not name them; these packages also need
+10 to 400 MB or open meshes.
 """
 
 from __future__ import annotations
