@@ -115,8 +115,7 @@ class PlaneApproach:
     def _go_on(
         self, busy: NDArray[np.intp], probes: Array, x: Array, damping: Array, found: Array, *, firm: float
     ) -> None:
-        """Do `STEPS` steps for the `busy` postures and update their rows of `found`: hand, distance, violation,
-        cost."""
+        """Do `STEPS` steps for `busy` postures and update their rows of `found`: hand, distance, violation, cost."""
         (starts, dampings, goals, firmness, _), (ends, after, measured) = self._several.inputs, self._several.outputs
         firmness[...] = firm
         for first in range(0, len(busy), TOGETHER):
