@@ -300,7 +300,7 @@ def _draw(axes: Any, pairs: ClearancePairs, q: Array, told: Array, across: int, 
     axes.autoscale_view()
     for plane in given.planes:
         normal = np.array(plane.normal)
-        if np.linalg.norm(normal[seen]) > 0.999:  # seen edge on
+        if np.linalg.norm(normal[seen]) > 0.999:  # the plane is seen edge-on
             foot, way = MM * plane.offset * normal[seen], np.array([-normal[up], normal[across]])
             axes.axline(foot, foot + way, color=REFERENCE, linestyle="--")
     axes.set(aspect="equal", adjustable="datalim", xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")

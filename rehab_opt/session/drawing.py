@@ -17,7 +17,7 @@ from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.session.outcome import Array
 from rehab_opt.session.trace import Trace
 
-if TYPE_CHECKING:  # loaded where a figure is made: reading a problem needs none
+if TYPE_CHECKING:  # imported where a figure is made; reading a problem needs none
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -161,7 +161,7 @@ def figure_over_time(
         column[0].set_title(group)
         for axes, panel in zip(column, panels, strict=True):
             for order, (law, trace) in enumerate(of.items()):
-                # Dashes over what they agree with.
+                # Draw later curves on top, so that dashes are visible over an equal curve.
                 axes.plot(trace["t_s"], panel.of(trace), **{**styles[law], "zorder": 4 + 0.5 * order})
             for i, when in enumerate((events or {}).get(group, ()), start=1):
                 axes.axvline(when, color=EVENT, linewidth=THIN, label=event if i == 1 else None)
@@ -255,7 +255,7 @@ def joint_figure(chain: SerialChain, joints: Sequence[tuple[Array, Array, Mappin
         axes.set_ylabel("angle [deg]")
     for axes in grid[chain.n - 2 : chain.n]:
         axes.set_xlabel("time [s]")
-        axes.tick_params(labelbottom=True)  # also above a place without a panel
+        axes.tick_params(labelbottom=True)  # also above an empty cell of the grid
     for axes in grid[chain.n :]:
         axes.set_visible(False)
     if limits_seen:
@@ -283,7 +283,7 @@ def _shade_limits(axes: Axes, chain: SerialChain, joint: int) -> bool:
             low, high = min(low, limit), max(high, limit)
     margin = max(0.12 * (high - low), 1.5)
     axes.set_ylim(low - margin, high + margin)
-    for outside in ((-1e4, max(lower, -1e4)), (min(upper, 1e4), 1e4)):  # some joints have no ends
+    for outside in ((-1e4, max(lower, -1e4)), (min(upper, 1e4), 1e4)):  # some joints have infinite limits
         axes.axhspan(*outside, color=LIMIT, alpha=0.6, linewidth=0, zorder=0)
     return bool(lower > low - margin or upper < high + margin)
 
@@ -326,7 +326,7 @@ def servo_figure(
         for panel, shown in zip(axes, (every, near), strict=True):
             at = time[shown]
             commanded, true = (units[joint] * trace[key][shown, joint] for key in ("command", "velocity"))
-            # The commands, which answer the encoders' noise, would hide what came of them.
+            # Thin and below, since commands that react to encoder noise would hide the true speeds.
             panel.step(at, commanded, where="post", color=COMMANDED, linewidth=THIN, label="commanded")
             panel.plot(at, true, color=TRUE, label="true")
             panel.margins(x=0.01)
@@ -391,7 +391,7 @@ def _wrap(figure: Figure, text: Text, width: float) -> int:
 def _parts(figure: Figure, text: Text, line: str, width: float) -> list[str]:
     text.set_text(line)
     wide = _width(text) if line.strip() else 0.0
-    if wide <= width or ("$" in line and text.get_parse_math()):  # a formula is not cut in two
+    if wide <= width or ("$" in line and text.get_parse_math()):  # do not break a formula
         return [line]
     return textwrap.wrap(line, max(FEWEST_LETTERS, int(len(line) * width / wide))) or [line]
 
@@ -431,7 +431,7 @@ def _is_formula(text: str) -> bool:
 
     parser = MathTextParser("agg")
     try:
-        for line in text.split("\n"):  # as it is drawn
+        for line in text.split("\n"):  # matplotlib parses each line separately
             parser.parse(line)
     except ValueError:
         return False

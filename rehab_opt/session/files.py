@@ -121,7 +121,7 @@ def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
     named = recording.get(DESCRIPTION) if isinstance(recording, dict) else recording
     if not isinstance(named, str):
         return content
-    if not named.isprintable():  # a name no file can have
+    if not named.isprintable():  # no file can have this name
         raise ProblemFileError(file, "recording", brief(named), "a table, or the description of a recording: NAME.toml")
     path = data_file(named, problem=file, key="recording") if named.startswith(PREFIX) else folder / named
     said = recording_description(path, named)
@@ -175,7 +175,7 @@ def problem_path(file: str) -> tuple[str, Path]:
     """
     path = Path(file)
     shipped = shipped_problems()
-    if os.path.exists(path):  # unlike `path.exists()` it refuses no name: some can be no file's
+    if os.path.exists(path):  # unlike `path.exists()`, it raises no error for an impossible name
         own = {shipped_path.resolve(): name for name, shipped_path in shipped.items()}
         return own.get(path.resolve(), path.stem), path
     name = file.removesuffix(".toml")
@@ -252,7 +252,7 @@ def schema_error(problem: ValidationError, file: str) -> ProblemFileError:
     keys = [str(part) for part in first["loc"] if part not in FORMS]
     context: dict[str, Any] = first.get("ctx", {})
     value, expected = first["input"], first["msg"].removeprefix("Input should be ").removeprefix("Value should ")
-    if "key" in context:  # one of the schema's own
+    if "key" in context:  # an error that a validator of the schema raised
         keys.append(shown(context["key"]))
         value, expected = context["value"], context["expected"]
     elif first["type"] == "missing":

@@ -173,7 +173,7 @@ def on_plant(config: ProblemFile[P], kind: str | None) -> ProblemFile[P]:
         raise ConfigurationError("--plant", kind, f"one of {', '.join(KINDS)}")
     table: PlantTable = config.problem.plant  # type: ignore[attr-defined]  # of every system that takes the option
     if kind is not None and kind != table.kind:
-        # Another kind of plant has other keys, so the table's other values are not kept.
+        # Another kind of plant has other keys, so the table's other values are dropped.
         table = type(table).model_validate({"kind": kind})
         config = replace(config, problem=config.problem.model_copy(update={"plant": table}))
     if table.kind == "mujoco":

@@ -56,7 +56,7 @@ def write_report(outcome: Outcome, folder: Path) -> tuple[Path, ...]:
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        beside = folder if folder.is_dir() else folder.parent  # one that is there may be mounted: no file moves into it
+        beside = folder if folder.is_dir() else folder.parent  # a mounted folder takes no file from outside it
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=beside) as scratch:
             written = write_results(outcome, Path(scratch))
             folder.mkdir(exist_ok=True)
@@ -89,7 +89,7 @@ def write_figures(figures: Mapping[str, Figure], folder: Path, title: str) -> li
             for suffix in FIGURE_FORMATS:
                 written.append(folder / f"{name}.{suffix}")
                 figure.savefig(written[-1])
-                figure.set_layout_engine("none")  # as it is: that takes as long as drawing
+                figure.set_layout_engine("none")  # do not compute the layout again for the next format
     paragraphs = [f"**{name}.** {title}. {figure.get_label()}\n" for name, figure in figures.items()]
     captions.write_text("\n".join(paragraphs), encoding="utf-8")
     return [*written, captions]
@@ -129,5 +129,5 @@ def _cell(value: float | int | str) -> float | int | str:
 def _version(name: str) -> str | None:
     try:
         return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:  # an extra that is not there, or a checkout that is not installed
+    except importlib.metadata.PackageNotFoundError:  # a missing extra, or a checkout that is not installed
         return None

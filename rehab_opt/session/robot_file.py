@@ -249,7 +249,7 @@ def pose_of(angles_deg: list[float], place: list[float]) -> Array:
 
 def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
     model = said.urdf if said.urdf is not None else said.mjcf
-    assert model is not None  # the schema asks for either
+    assert model is not None  # the schema requires one of the two
     file = path.parent / model
     if not file.is_file():
         raise RobotFileError(
@@ -293,7 +293,7 @@ def _arm(said: RobotFile, path: Path, name: str) -> SerialChain:
         "velocity": speeds,
         "acceleration": {key: each.acceleration_deg_s2 for key, each in said.joints.items() if key in arm.names},
     }
-    # Again, with every joint's own: what the reader notes of limits is of those that hold.
+    # Read again with each joint's own values, so that the reader's notes are about the limits that apply.
     arm = read(**{
         key: (dict.fromkeys(arm.names, of_all[key]) if key in of_all else {}) | _radians(values)
         for key, values in own.items()

@@ -232,7 +232,7 @@ def described(file: str, reading: Mapping[str, Any] = MappingProxyType({})) -> D
     if not file.endswith(".toml"):
         return named
     said = recording_description(named.path, file)["recording"]
-    if "fingers" in said:  # of a hand's poses, which `mirror` reads
+    if "fingers" in said:  # a recording of hand poses, as for `mirror`
         kept = ("file", "hand", "separator", "decimal")
         said = {"columns": ["x_m", "y_m", "z_m"], **{key: said[key] for key in kept if key in said}}
     try:

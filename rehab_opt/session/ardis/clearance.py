@@ -64,7 +64,7 @@ def arm_points(robot: MobileArm, q: Array) -> Array:
 def arm_gaps(robot: MobileArm, q: Array) -> Array:
     """(N, k l) [m] distances between the arm's l links and the k keep-outs, negative inside a keep-out."""
     still = q.copy()
-    still[:, :CHAIR] = 0.0  # in the chassis frame, where the keep-outs are
+    still[:, :CHAIR] = 0.0  # in the chassis frame, in which the keep-outs are defined
     places = _places(robot, still, [end for link in robot.links for end in (link.begin, link.end)])
     gaps = [
         _between_segments(begin, end, capsule) - capsule.radius - link.radius

@@ -94,7 +94,7 @@ def _hand_panels(ours: Iterable[Trace], dt: float) -> tuple[Panel, Panel]:
 
 def _limit_panels(robot: MobileArm, dt: float) -> tuple[Panel, ...]:
     chain = robot.chain
-    ended = 3 + np.flatnonzero(np.isfinite(chain.upper[3:]))  # joints without ends are nowhere near one
+    ended = 3 + np.flatnonzero(np.isfinite(chain.upper[3:]))  # only joints with finite limits
     middle, half = (chain.upper[ended] + chain.lower[ended]) / 2, (chain.upper[ended] - chain.lower[ended]) / 2
 
     def ranges(trace: Trace) -> Array:
@@ -184,7 +184,7 @@ def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection
 
 
 def _draw_chairs(axes: Axes, robot: MobileArm, joints: Array) -> None:
-    # As far apart on the chair's way as can be, so that a chair that stands is drawn once; on the arm's if it stands.
+    # Evenly spaced along the chair's motion, so that a chair at rest is drawn once; if it never moves, along the arm's.
     steps = np.abs(np.diff(joints, axis=0))
     moving = steps[:, :3] if steps[:, :3].any() else steps[:, 3:]
     way = np.concatenate([[0.0], np.cumsum(moving.sum(axis=1))])
@@ -196,7 +196,7 @@ def _draw_chairs(axes: Axes, robot: MobileArm, joints: Array) -> None:
         closed = np.vstack([outline, outline[:1]])
         label = "chair, later ones darker" if i == INSTANTS - 1 else None
         axes.plot(closed[:, 0], closed[:, 1], color=REFERENCE, alpha=shade, label=label, zorder=2)
-        front = outline[[0, 1]]  # as `chair_corners` has them: its front
+        front = outline[[0, 1]]  # the front edge, by the order of `chair_corners`
         axes.plot(front[:, 0], front[:, 1], color=REFERENCE, linewidth=BROAD / 2, alpha=shade, zorder=2)
         axes.plot(arm[:, 0], arm[:, 1], "o-", color=ARM, alpha=shade, zorder=3)
     axes.plot([], [], "o-", color=ARM, label="arm")

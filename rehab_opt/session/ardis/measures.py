@@ -45,7 +45,7 @@ def motion_metrics(
     rolled = np.array([base.motion(speeds).twist for speeds in trace["wheel"]])
     over_floor = arm_points(robot, trace["joint"])[:, 1:].reshape(-1, 3)
     to_room = point_gaps(room, over_floor[:, :2])
-    up = trace["pose"][:, 2, :3]  # the vertical in the hand's axes: a cup that is held level keeps it
+    up = trace["pose"][:, 2, :3]  # the vertical in the hand's axes, which is constant for a cup that is held level
     tilt = np.arctan2(np.linalg.norm(np.cross(up[0], up), axis=1), up @ up[0])
     legs, begin = dict[str, Any](), 0
     for goal, when in zip(goals, met, strict=True):
@@ -71,7 +71,7 @@ def motion_metrics(
         "excess_max": {name: finite(values.max()) for name, values in over.items()},
         "broken_fraction": {name: float(np.mean(of)) for name, of in broken.items()},
         "broken_any_fraction": float(np.mean(np.logical_or.reduce(list(broken.values())))),
-        # The rolling row of Eq. (4) is a left speed of zero in the chassis frame, at each tick's heading.
+        # The rolling row of Eq. (4): zero sideways speed in the chassis frame, at each tick's heading.
         "rolling_residual_max_m_s": _rolling(base, trace) if base.moving != (0, 1, 2) else None,
         "wheel_residual_max_m_s": float(np.abs(rolled - trace["command"][:, :CHAIR]).max()),
         "arm_to_obstacles_min_m": float(to_room.min()) if to_room.size else None,
@@ -94,7 +94,7 @@ def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: 
     chain, wheels, own = robot.chain, robot.drive(drive), trace["command"]
     ahead = trace["joint"] + trace["_world"] * dt
     speeds = np.abs(own[:, CHAIR:]) - chain.velocity[CHAIR:]
-    if wheels.moving:  # the limits of a chair that stands are none of the arm's
+    if wheels.moving:  # a fixed chair has no speeds to limit
         floor = np.hypot(own[:, 0], own[:, 1]) - chain.velocity[0]
         speeds = np.column_stack([speeds, np.abs(own[:, 2]) - chain.velocity[2], floor])
     over = {

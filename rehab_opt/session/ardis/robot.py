@@ -116,7 +116,7 @@ def resolver_of(
             limits=clearance_of(config.problem.clearance, config.file),
             dt=1 / run.rate_hz,
             backup=backup,
-            # A run is over before a compiler would be; the answers are the same.
+            # Compiling takes longer than a run; the results are the same.
             compile=False,
             **chosen,
         )

@@ -83,7 +83,7 @@ class Steering(LiveControl):
 
     def step(self, inputs: LiveInputs, seen: Measurement) -> Command:
         """The controller's command for the stick's twist."""
-        # NaN while the dead-man is released: afterwards the stick has to be let go before it moves anything.
+        # NaN while `enable` is released; afterwards the stick moves nothing until it has been released once.
         axes = inputs.stick if inputs.enable else (math.nan, math.nan)
         self.axes = inputs.stick
         commanded = self.commanded = self._joystick.step(axes, switch=inputs.switch, gripper=inputs.gripper)

@@ -24,7 +24,7 @@ SLOW = 0.8  # [1/s] the deflection falls in proportion to the distance below spe
 PRESS = 0.25  # [s] that a button is held down
 PAUSE = 0.3  # [s] without motion after a button is released
 BEGIN = 0.5  # [s] from the start until the stick is first moved
-PATIENCE = 60.0  # [s] for one goal; the user then lets go for good
+PATIENCE = 60.0  # [s] for one goal; then the user releases the stick for good
 
 
 class SimulatedUser:
@@ -70,13 +70,13 @@ class SimulatedUser:
             ways = _ways(error, moment, mode)
             mine = float(np.linalg.norm(ways))
             other = math.sqrt(max(size**2 - mine**2, 0.0))
-            # What is in hand is finished before changing over.
+            # Finish the current mode's motion before changing to the next mode.
             if mine <= 0.6 * near or (mine <= near and other > 3 * near):
                 return self._press("switch", moment.time)
             forward, left = (SLOW * way / speed if speed else 0.0 for way, speed in zip(ways, mode.speeds, strict=True))
             size = math.hypot(forward, left)
             fraction = (self._dead + (1 - self._dead) * min(size, 1.0)) / size
-            # In steps of a hundredth, as a recording of a stick.
+            # Rounded to hundredths, like a recording of a stick.
             return LET_GO._replace(stick=(round(fraction * forward, 2) + 0.0, round(fraction * left, 2) + 0.0))
         self._over = min(self._over, moment.time + BEGIN)
         return LET_GO

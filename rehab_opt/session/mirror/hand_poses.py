@@ -74,7 +74,7 @@ def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> 
         if np.any(np.abs(times) > LATEST):
             raise ProblemFileError(name, "column t_s", float(np.abs(times).max()), f"times up to {LATEST:g} s")
     else:
-        assert section.rate_hz is not None  # the schema asks for it
+        assert section.rate_hz is not None  # the schema requires it
         times = np.arange(len(table)) / section.rate_hz
         notes.append(
             f"ASSUMED: {section.rate_hz:g} samples a second; the recording has no time stamps, and every speed and "

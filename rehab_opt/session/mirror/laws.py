@@ -145,13 +145,13 @@ def track_reference(
     after `patience` times the recording's duration.
     """
     tracker.reset()
-    tracker.counts.clear()  # they outlive a reset
+    tracker.counts.clear()  # `reset` keeps the counts
     dt, led, total, arrived, complete = tracker.dt, setup.led, len(setup.led.poses), 0, False
     settled = SETTLED if isinstance(plant, IdealJoints) else SETTLED_AMID_NOISE
 
     def led_by(k: int, command: Command) -> dict[str, Any]:
         nonlocal arrived, complete
-        arrived = arrived + 1 if k >= total and tracker.lag < (k - total + 2) * dt else 0  # the clock is past the last
+        arrived = arrived + 1 if k >= total and tracker.lag < (k - total + 2) * dt else 0  # past the last pose
         complete = arrived * dt > ARRIVED or bool(arrived and float(np.abs(command.value).max()) < settled)
         return {"reference": tracker.reference, "lag": tracker.lag, "pace": tracker.time_scale, "short": tracker.short}
 
@@ -181,7 +181,7 @@ def planned(tracker: MirrorTracker, setup: Setup, *, progress: Progress) -> Trac
             "_seconds": [path.seconds],
         }
     )  # fmt: skip
-    # At its end the reference stands still: a hand that settles there is not held back.
+    # The reference stands still at its end, which does not count as slowed.
     pace = np.where(path.complete & (path.clock == path.clock[-1]), 1.0, path.paces)
     return led_trace(
         setup, ran, max_manipulability=tracker.max_manipulability, complete=path.complete, counts=dict(path.counts),

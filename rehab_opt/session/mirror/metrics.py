@@ -36,7 +36,7 @@ def causes(led: Trace, drive: Trace, bounds: HandBounds) -> NDArray[np.int_]:
     behind = (led["deviation_m"] > NEAR + short[:, 0]) | (led["turn_rad"] > TURNED + short[:, 1])
     found = np.where((led["pace"] < WHOLE) | behind, 1, 0)
     found[robot] = 5
-    # A hand held off within the largest deviation is not told to be short: where a bound is at hand, that is why.
+    # `_short` does not contain a deviation within the largest allowed one; a bound that is near is its cause.
     off = robot | (behind & ~person)
     for plane in bounds.planes:
         found[off & (bounds.min_heights(led["joint"], plane) < AT_PLANE)] = 4
@@ -130,7 +130,7 @@ def led_metrics(
     """
     deviation, robot = led["deviation_m"], bounds.chain
     seen, time, command = np.isfinite(deviation), drive["t_s"], led["command"]
-    q = np.concatenate([led["joint"], led["joint"][-1:] + command[-1:] / rate])  # and where the last tick leads
+    q = np.concatenate([led["joint"], led["joint"][-1:] + command[-1:] / rate])  # and the positions after the last tick
     tool = np.concatenate([led["_tool"][:, :3, 3], robot.pose(q[-1])[None, :3, 3]])
     w = np.append(led["manipulability"], robot.manipulability(q[-1]) / bounds.max_manipulability)
     speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) * rate

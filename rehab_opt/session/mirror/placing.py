@@ -150,7 +150,7 @@ COMES = 20
 def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> str:
     """Note on the fraction of the reference that robot and led arm can reach from the robot's start."""
     search = _Search(problem, scene, tracker, np.random.default_rng(0), poses=ALL_POSES)
-    search.seats.floor, search.seats.near = tracker.floor, 3  # nothing is to be kept for a run
+    search.seats.floor, search.seats.near = tracker.floor, 3  # no reserve for a run
     hands, here = search.hands @ search.grip, scene.robot.pose(scene.start)
     way, turn = hands[0, :3, 3] - here[:3, 3], turn_between(here, hands[0])
     to_the_first = np.tile(here, (COMES, 1, 1))
@@ -176,7 +176,7 @@ class _Search:
         self.problem, self.chain, self.rng = problem, scene.robot, rng
         self.seats, self.w_max = Seats(tracker), tracker.max_manipulability
         self.grip = pose_of(problem.robot.grip_deg, problem.robot.grip_m)
-        # Samples where the person's arm does what is asked, and where it changes its posture.
+        # Samples at which the person's arm follows the reference, and at which it changes its posture.
         seen = np.flatnonzero(~scene.led.lost)
         goes_on = np.diff(scene.reference_index[seen], append=len(scene.reference.poses)) > 0
         own = seen[goes_on][np.unique(np.linspace(0, goes_on.sum() - 1, poses).astype(int))]
@@ -241,7 +241,7 @@ class _Search:
         seats[:, 0, 1] = -seats[:, 1, 0]
         hands = seats @ self.hands[self.middle]
         grips[:, :3, :3] = hands[:, :3, :3].transpose(0, 2, 1) @ tools[:, :, :3]
-        # The grip's place is in the hand's axes.
+        # The grip's position is in the hand's axes.
         seats[:, :3, 3] = tools[:, :, 3] - (hands @ grips)[:, :3, 3]
         origin, patient = np.array(self.problem.placement.origin_m), self.problem.patient
         middle = np.array(patient.sagittal_point_m)

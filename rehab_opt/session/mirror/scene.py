@@ -89,7 +89,7 @@ class Setup:
         gaps = np.flatnonzero(reference.lost)
         where = np.append(first, len(path.reference_index))[np.searchsorted(seen, gaps)]
         twists = path.twists.copy()
-        twists[first[1:][np.diff(seen) > 1]] = 0.0  # nothing is known of how the hand came there
+        twists[first[1:][np.diff(seen) > 1]] = 0.0  # the hand's velocity after a gap is unknown
         index = np.insert(seen[path.reference_index], where, gaps)
         return reference._replace(
             times=reference.times[0] + dt * np.arange(len(index)),
@@ -148,7 +148,7 @@ def laid_out(config: ProblemFile[MirrorProblem]) -> Setup:
     if seconds * rate > MAX_TICKS:
         expected = f"at most {MAX_TICKS} ticks in the recording's {seconds:g} s"
         raise ProblemFileError(file, "tracker.rate_hz", rate, expected)
-    # The filter comes last, so that what is filtered is what the robot is asked for.
+    # The filter comes last, so that the robot's reference itself is smooth.
     with refused_as(section.file):
         reference = conditioned(
             seen.times[valid],
@@ -203,7 +203,7 @@ def path_notes(scene: Setup) -> Iterator[str]:
     if np.ptp(reference.points, axis=0).max() < STILL:
         yield f"the hand stays within {1e3 * STILL:g} mm: it only turns, if at all"
     rate, whole = 1.0 / (times[1] - times[0]), path_length(reference.points)
-    # Of less than a period nothing can be told.
+    # A recording shorter than a second is too short for this filter.
     slow = path_length(low_passed(reference.points, rate, cutoff_hz=SLOW)) if len(reference.points) > rate else whole
     if whole - slow > TREMBLES * slow:
         longer = f"{1e2 * (whole - slow) / slow:.0f} % longer because of motion above {SLOW:g} Hz"
@@ -276,7 +276,7 @@ def _patient_motion(config: ProblemFile[MirrorProblem], stamps: Array, fit: Fram
 def _frame(config: ProblemFile[MirrorProblem]) -> FrameFit:
     placement = config.problem.placement
     if placement.calibration_file is None:
-        assert placement.origin_m is not None  # the schema asks for either
+        assert placement.origin_m is not None  # the schema requires one of the two
         pose = pose_of([0.0, 0.0, placement.turn_deg], placement.origin_m)
         return FrameFit(pose, placement.scale, np.zeros(0))
     key = "placement.calibration_file"

@@ -59,7 +59,7 @@ def assisted_law(context: Precomputed, assistance: Assistance | PathAssistance) 
         return Assisted(assistance)
     way = max(float(np.abs(np.diff(points, axis=0)).max(initial=0.0)), SHORTEST_WAY)
     seconds = problem.task.movement_s
-    # The largest speed, acceleration and jerk of the minimum-jerk motion over the longest way in `movement_s`.
+    # The largest speed, acceleration and jerk of the minimum-jerk motion over the longest distance in `movement_s`.
     pace = Smoother(
         velocity=1.875 * way / seconds,
         acceleration=5.7735 * way / seconds**2,
@@ -100,7 +100,7 @@ class Task:
     progress: Progress = staticmethod(lambda *_: None)
 
     def __init__(self, config: ProblemFile[ScenarioProblem], solver: str | None) -> None:
-        robot_model_of(config)  # refused before the workspaces take their seconds
+        robot_model_of(config)  # raises before seconds are spent on workspaces
         check_bounds(config, solver=solver)
         self.config, self.solver, self.problem = config, solver, config.problem
 

@@ -130,7 +130,7 @@ def _draw_sizes(axes: Axes, context: Precomputed, box: Box) -> None:
     style: dict[str, Any] = {"shading": "nearest", "zorder": 1.5, "rasterized": True}
     mesh = axes.pcolormesh(MM * x, MM * y, size.reshape(len(y), len(x)), cmap=colours, vmin=0, vmax=most, **style)
     mesh.set_clip_path(region_path(context.reachable if therapy else context.comfortable), axes.transData)
-    if therapy:  # no force within W_c: its colour again
+    if therapy:  # no force within W_c: cover the colours there
         axes.add_patch(PathPatch(region_path(context.comfortable), facecolor="white", edgecolor="none", zorder=1.6))
         draw_region(axes, context.comfortable, {**COMFORTABLE_STYLE, "zorder": 1.7})
     axes.figure.colorbar(mesh, ax=axes, shrink=0.8, label=f"desired force [N], at most {most:g}")

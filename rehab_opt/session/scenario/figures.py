@@ -209,7 +209,7 @@ def _label_trials(axes: Axes, of: ScenarioTrials) -> None:
 def _draw_paths(axes: Axes, of: ScenarioTrials, law: Law) -> None:
     trials, colour, mode = of.trials[law], LAW_COLOURS[law], of.context.mode
     for trial in trials:
-        # To hold: only while a point is to be held; between two of them the gap of NaN breaks the line.
+        # In "hold", only while a point is held; between two points, NaN breaks the line.
         places = np.where(np.isfinite(trial["goal"]), trial["_hand"], np.nan) if mode == "hold" else trial["_hand"]
         axes.plot(*(MM * places[trial.rows].T), color=colour, linewidth=THIN, alpha=0.6, zorder=5)
     if mode == "hold":
@@ -218,7 +218,7 @@ def _draw_paths(axes: Axes, of: ScenarioTrials, law: Law) -> None:
             if len(every):
                 axes.plot(*(MM * every.mean(axis=0)), "o", **MEAN_PLACE, markeredgecolor=colour, zorder=7)
         axes.plot([], [], "o", **MEAN_PLACE, markeredgecolor=REFERENCE, label="mean place while it was to be held")
-    elif mode != "follow":  # of trials that go along a path more than once it is nobody's path
+    elif mode != "follow":  # no mean of paths that are followed more than once
         _, mean = mean_over_trials(trials, [trial["_hand"] for trial in trials])
         axes.plot(*(MM * mean.T), color=colour, linewidth=MEAN, zorder=5.5)
 

@@ -54,7 +54,7 @@ def robot_model_of(config: ProblemFile[ScenarioProblem]) -> RobotModel:
     )
     grows = max(
         model.growth(person.hand_mass_kg, stiffness=k, damping=d + person.passive_damping_Ns_m, dt=1 / rate)
-        for k, d in held  # in and out of W_c, with the will saturated and not
+        for k, d in held  # inside and outside W_c, with and without a saturated voluntary force
     )
     if not grows <= STABLE:
         expected = "a higher rate, or softer robot and person (springs, dampers, viscous_Ns_m, gains; heavier masses)"

@@ -71,11 +71,11 @@ def trial_measures(
         "force_measured_held_mean_N": _mean(measured, held),
         "duration_s": float(trial["t_s"][-1] - trial["t_s"][0]),
         "path_length_m": path_length(hand),
-        # Of a reach that fell short, the way to the target would flatter: the straight line ends where the hand did.
+        # The straight line ends where the hand did: one to the target would make a reach that fell short look better.
         "path_length_ratio": finite(path_ratio(hand, None if mode in THERAPY else trial["intended"])),
         **_mean_and_max("from_intended", "m", _sizes(hand - trial["intended"])),
         **_arrival(trial, deviation, counts, mode, target, within, covered),
-        # It tells of one movement, not of many.
+        # It is defined for one movement; holding several points has many.
         "smoothness_sparc": None if mode == "hold" else finite(spectral_arc_length(speed, 1.0 / tick)),
         **_statuses(trial),
         **promised(trial, where, mode),
@@ -118,7 +118,7 @@ def _forces(trial: Trace, measured: Array, tick: float) -> Numbers:
         **_mean_and_max("force_measured", "N", measured),
         **_mean_and_max("force_commanded", "N", _sizes(commanded)),
         "force_change_max_N_s": finite(changes.max() / tick),
-        # A force is held until the next tick: this is its work on the hand.
+        # Work on the hand of a force that is constant during each tick.
         "energy_delivered_J": float((commanded[:-1] * np.diff(trial["_hand"], axis=0)).sum()),
     }
 
@@ -136,7 +136,7 @@ def _arrival(  # noqa: PLR0917  (what the trial was judged by)
     on_target = counts & ((to_target if mode in THERAPY else aimed) <= within)
     last, first = float(to_target[counts][-1]) if counts.any() else math.nan, np.flatnonzero(on_target)
     reached, met = None, last <= within
-    if mode == "hold":  # each of the points, at any time while it counts
+    if mode == "hold":  # each point must be reached at some time while it counts
         goals, held = ({tuple(goal) for goal in trial["goal"][ticks].tolist()} for ticks in (counts, on_target))
         reached = len(held) / len(goals) if goals else 0.0
         met = reached == 1.0

@@ -62,7 +62,7 @@ def draw_reference(axes: Axes, context: Precomputed, path: Array | None = None, 
         for i, point in enumerate(points if path is None else ()):
             axes.annotate(str(i + 1), point, xytext=(5, 5), textcoords="offset points", zorder=6)
         return
-    # Of a path that is gone along more than once the dashes would fill each other's gaps.
+    # On a path that is followed more than once, dashes would fill each other's gaps.
     style = "-" if context.mode == "follow" else "--"
     axes.plot(points[:, 0], points[:, 1], style, color=REFERENCE, label=label, zorder=4)
     if context.mode in REACHES:

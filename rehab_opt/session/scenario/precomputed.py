@@ -189,9 +189,9 @@ def _fields(problem: ScenarioProblem, path: Array, numbers: Mapping[str, Any]) -
     if problem.mode == "hold":
         return tuple(PotentialField(point[None, :], **numbers) for point in path)
     if problem.mode == "resist":
-        drag = problem.field.resistance_N / (2 * path_length(path))  # so that this is the force at the end
+        drag = problem.field.resistance_N / (2 * path_length(path))  # resistance_N is the force at the path's end
         return (PotentialField(path, drag=drag, drag_along="travelled", **numbers),)
-    rests = problem.mode == "assist"  # the others have no end to come to rest at
+    rests = problem.mode == "assist"  # in the other modes, the hand does not come to rest at the path's end
     return (PotentialField(path, drag=problem.field.drag_N_m, rest_on_target=rests, **numbers),)
 
 

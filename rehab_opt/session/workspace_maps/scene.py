@@ -227,7 +227,7 @@ class WorkspaceMapSystem(System[WorkspaceMapProblem, MappedSets]):
         """Read the trajectories and compute both sets; report samples outside their set."""
         scene = MappedSets(config)
         spaces = scene.spaces()
-        MadeMap(config.problem.map, scene.sets, spaces, start=0, rule="polar", file=config.file)  # refuses sets
+        MadeMap(config.problem.map, scene.sets, spaces, start=0, rule="polar", file=config.file)  # checks the sets
         said = [f"{of.file}: {note}" for of, _ in scene.placed for note in (*of.notes, size_note(of))]
         for trajectory, (_, path) in zip(config.problem.trajectory, scene.placed, strict=True):
             at = ENDS.index(trajectory.set)

@@ -108,7 +108,7 @@ def _slices(section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
     )
     axes = figure.add_subplot()
     styles = dict(zip(sets, cycle(SET_STYLES), strict=False))
-    for name, workspace in sorted(sets.items(), key=lambda of: -of[1].area):  # the largest below the others
+    for name, workspace in sorted(sets.items(), key=lambda of: -of[1].area):  # largest area first, below others
         draw_region(axes, workspace, styles[name], label=region_label(name, workspace))
     draw_shoulder(axes, section)
     seen_from_above(axes, section)
