@@ -62,7 +62,7 @@ class MirrorTracker(MirrorPreview):
 
     The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes.
     Near the largest deviation the clock waits; later it catches up. If a stretch is out of reach, the hand moves along
-    the nearest reachable poses, and deviations count from these poses (`short`). A jump of the reference is bridged at
+    the nearest reachable poses, and deviations are measured from them (`short`). A jump of the reference is bridged at
     half of the hand's largest speeds. Samples of a live motion tracker must first pass a `Conditioner`.
 
     Parameters
@@ -223,7 +223,7 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] Smallest deviation from the reference within reach of robot and person; deviations count from it."""
+        """[m, rad] Smallest deviation from the reference within reach; `max_deviation` and `max_turn` limit the excess."""
         return (0.0, 0.0) if self._live else self._short_by
 
     @property

@@ -44,8 +44,8 @@ WAITED = 0.02
 
 PACE = Record(rate=1, waited=1, stood=1, apart=1, aside=1)
 """Seconds of the reference per second; [s] time that the clock waited; [s] time that the hand stood still; [m, rad]
-remaining deviation, at which the hand stopped. Deviations count from the remaining one, so that the hand moves along
-the edge of its reach. The remaining deviation shrinks as the hand comes nearer.
+remaining deviation, at which the hand stopped. Only the excess over the remaining deviation slows the clock, so that
+the hand moves along the edge of its reach. The remaining deviation shrinks as the hand comes nearer.
 """
 TRIED = Record(pose=16, twist=6, seconds=1, goal=12, target=16, motion=6)
 """Reference in this tick: pose, twist at the clock's pace, advance of the clock [s]; `goal`, the last target of the

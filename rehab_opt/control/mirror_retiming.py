@@ -43,8 +43,8 @@ TRIES, SLOWER = 16, 0.7
 CURVED, CLOSELY, STRAIGHT = range(3)
 """Kinds of path through the points: a smooth curve, a curve through every tick of the plan, or straight lines."""
 ABOUT = 20, 3
-"""Numbers of ticks to either side of a violated bound: there, the next passage goes through every tick of the plan, or
-along straight lines if it already does.
+"""Numbers of ticks to either side of a violated bound. Within the first number, the next passage replaces a smooth
+curve by one through every tick of the plan; within the second, it replaces such a curve by straight lines.
 """
 BROKEN, EXACT = 1e-9, 1e-12
 """Tolerances for a bound, and for a joint limit."""
@@ -80,9 +80,9 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Two results: passage for kinds of path `ways` (M,) and speed factors `slow` (M,); the plan's tick for each tick.
+    """Time the path by Ruckig; return the retimed plan and, for each of its ticks, the corresponding tick of `plan`.
 
-    None if the passage is slower than the plan.
+    ways, slow : (M,) kind of path, and speed factor, at each tick of `plan`. None if the result is slower than `plan`.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 

@@ -88,7 +88,7 @@ def ruckig_timing(
 
 
 def _passage(places: Array, top: Array, quick: Array, sudden: Array) -> PathTiming:
-    """Timing by Ruckig through Z zones, which end at the progress `places` (Z + 1,).
+    """Timing by Ruckig through Z zones, which lie between the progress values `places` (Z + 1,).
 
     top, quick, sudden : (Z,) bounds of speed, acceleration and jerk of the progress.
     """

@@ -425,7 +425,10 @@ class PoseTracker(PoseInputs):
         return tick.when(kept, u, lambda: tick.call(again, H, u, rows.slopes, rows.away, upper, *ends)[0])
 
     def _clear(self, tick: Stages, now: Now, memory: ca.SX, u: ca.SX) -> ca.SX:
-        """(n,) u if it violates no limit in this tick, else a velocity that does not but may exceed accelerations."""
+        """(n,) u if it violates no limit in this tick; else a velocity that satisfies the limits.
+
+        The latter may exceed the accelerations.
+        """
         if self.kept is None:
             return u
         limits, q, moving = self.limits, now.state.q, now.state.moving
@@ -439,7 +442,7 @@ class PoseTracker(PoseInputs):
             return tick.when(tick.call(limits.judged, q, moving, u)[0], u, back)
 
         def aside(u: ca.SX, rounds: int) -> ca.SX:
-            """Correct u by Newton steps until it violates no limit; the last step counts if no worse than rest."""
+            """Correct u by Newton steps until it violates no limit; the last step is accepted if no worse than rest."""
             contacts = tick.call(pairs.nearest, q, u, moving, ca.SX(2 * self.dt))[0]
             led = tick.once(limits.led_clear(u, self.bounds(q, memory), contacts))
             if rounds > 1:

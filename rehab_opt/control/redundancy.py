@@ -241,7 +241,7 @@ class RedundancyResolver(OneThread):
         enable: object = True,
         stamp: float | None = None,
     ) -> Command:
-        """Joint velocities (n,) that move the hand to a target, through the same QP; to be called in every tick.
+        """Joint velocities (n,) that move the hand to a target, through the same QP; call this in every tick.
 
         The hand moves straight at up to 0.25 m/s along each world axis, plus 0.12 m/s while it lags. The hand slows
         down so that chair and arm can stop at the target.

@@ -22,7 +22,7 @@ TURN_LENGTH = 0.1
 NEAR, TURNED = 1e-3, math.radians(1.0)
 """[m, rad] Tolerance of a reached pose; stricter than that of the later measurement."""
 ABOVE = 1.05
-"""A posture counts as above the floor if w / w_max exceeds the floor by this factor, a reserve for the tracker."""
+"""A posture counts as above the floor if w / w_max exceeds this multiple of the floor, a reserve for the tracker."""
 STARTS = 1.01
 """Factor on the floor for a start posture, so that rounded printed values are above the floor, too."""
 HEAVY = 3.0

@@ -36,8 +36,8 @@ FAR = 1e9
 """Value that replaces an infinite limit."""
 
 GENTLE, APPROACH = 0.7, 30.0
-"""Fraction of the acceleration limit for braking before a limit, and final rate [1/s] of the approach to the limit,
-since a servo overshoots after a hard deceleration.
+"""Fraction of the acceleration limit that braking before a position limit uses; final rate [1/s] of the approach to the
+position limit. After a harder deceleration, a servo overshoots.
 """
 
 
@@ -47,7 +47,7 @@ class VelocityBounds(NamedTuple):
     lower: ca.SX
     upper: ca.SX
     brake_lower: ca.SX
-    """Bounds without the requirements of stopping or returning; a braking command must satisfy them."""
+    """Bounds that do not require a joint to stop before its limit or to return; a braking command must satisfy them."""
     brake_upper: ca.SX
     stop_lower: ca.SX
     """Bounds by the position limits alone."""
@@ -149,7 +149,7 @@ def gentle_speed(room: ca.SX, acceleration: ca.DM, approach: float) -> ca.SX:
 
 
 SLACK = 1.1
-"""Factor of T over the stopping time, as a reserve of acceleration for changes of the task and limits."""
+"""Ratio of T to the stopping time; the excess reserves acceleration for changes of the task and limits."""
 FARTHEST = 0.2
 """[rad, m] Largest motion of the stop posture in a tick, since limits are tangents there."""
 LATER = 0.3

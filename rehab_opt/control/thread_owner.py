@@ -23,8 +23,8 @@ class OneThread:
     another thread raises `SharingError`. `reset` by the owner releases the object to the next thread that steps it.
     Copies and pickles are refused. Fields, maps, workspaces, chains and robots are immutable and can be shared.
 
-    A method that ticks starts with `if self._owner != get_ident(): self._claim()`; a method that only changes a setting
-    calls `_refuse_others`.
+    A method that runs a tick starts with `if self._owner != get_ident(): self._claim()`. A method that only changes a
+    setting calls `_refuse_others`.
     """
 
     _owner = 0

@@ -42,7 +42,7 @@ zero for a plain OK. The rest matters only if the flag is set: status (index in 
 input and element that the reason is about (-1 for none), details of the reason, and the sum of the notes.
 """
 DONE, LEFT_TO_OTHERS, NOTHING_TO_SOLVE = range(3)
-"""Remaining work: none; an answer by another solver, or by a cold start; the fallback command."""
+"""Work that remains for a command: none; a solve by another solver, or from a cold start; the fallback command."""
 
 
 _Branch = Callable[..., list[Any]]

@@ -21,7 +21,7 @@ from rehab_opt.symbolic.record import Record, Values
 __all__ = ["SHORTEST_TICK", "STAMPS", "Watchdog", "checked_stamp", "default_max_age", "stamp_and_kind", "watched"]
 
 DRIFT = 1e-3
-"""Accepted relative drift of the stamps' clock behind the ticks, ten times that of two quartz clocks."""
+"""The clock of the stamps may be slower than the ticks by this fraction, ten times the drift of two quartz clocks."""
 SLOWEST = 1.5
 """Ratio of the stamps' advance to dt above which the loop counts as slower than dt."""
 SHORTEST_TICK = 1e-9
@@ -35,7 +35,7 @@ NO_STAMP, NUMBER_OF_SECONDS, NO_NUMBER = range(3)
 
 
 def default_max_age(dt: float) -> float:
-    """Largest age [s] of a state at a tick dt [s]: 50 ms, a fast human reaction, and at least three ticks."""
+    """Largest age [s] of a state at a tick dt [s]: 50 ms, a fast human reaction, or three ticks if these are longer."""
     return max(0.05, 3.0 * dt)
 
 

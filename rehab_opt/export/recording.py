@@ -167,7 +167,7 @@ def encoder_noise(ticks: int, joints: int) -> Array:
 
 
 def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joints, RunTick]:
-    """Three results: the run with the first positions in every tick; joints; the fastest tick.
+    """Three results: the run with the first positions in every tick; the `Joints` of the run; the fastest tick.
 
     The joints move as commanded, and their encoder values replace the first positions, see `recorded`. In the fastest
     tick a joint is faster than in any other.

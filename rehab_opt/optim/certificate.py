@@ -71,7 +71,7 @@ def violation(values: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
 
 
 def _not(column: ca.SX, number: float) -> list[int]:
-    """Indices of the elements that are not this constant."""
+    """Indices of the elements that are not the constant `number`."""
     elements = ca.vertsplit(column) if column.numel() else []
     return [i for i, each in enumerate(elements) if not (each.is_constant() and float(each) == number)]
 
@@ -119,7 +119,7 @@ def delivered_fraction(
 
 
 def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
-    """Complementarity min(multiplier, slack), zero if and only if one of them is; also for infinite bounds."""
+    """Complementarity min(multiplier, slack) at bounds, also infinite ones; zero exactly if one of the two is zero."""
     told = _not(multiplier, 0.0)
     pushing, at, low, high = multiplier[told], value[told], lower[told], upper[told]
     at_upper = ca.fmin(ca.fmax(pushing, 0), ca.fmax(high - at, 0))

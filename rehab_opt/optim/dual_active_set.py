@@ -26,9 +26,9 @@ NESTED = 7
 STEPS = NESTED**2
 """Largest number of bounds added or dropped; ticks near obstacles need up to 18."""
 DEPENDENT = 1e-13
-"""A bound whose curvature along the active bounds is a smaller fraction of its own depends on the active bounds.
+"""A bound depends on the active bounds if, while these hold, less than this fraction of its curvature remains.
 
-For independent bounds the fraction is 1e-12 and more; for dependent ones, rounding leaves 1e-16.
+For an independent bound, about 1e-12 and more remains; for a dependent one, rounding leaves 1e-16.
 """
 
 

@@ -111,8 +111,8 @@ class FallbackChain:
     def _solved_by_others(self) -> str:
         if self.backup != self.solver and self._solve_by(self.backup):
             return self.backup
-        # An active set from the last tick can mislead qrqp where a cold start succeeds. Its failures are slow, up
-        # to 1.5 ms, so the faster backup goes first.
+        # The last tick's active set can mislead qrqp where a cold start succeeds. A failure of qrqp takes up to
+        # 1.5 ms, so the faster backup goes first.
         if self.solver == FUSED and self._solve_by(FUSED):
             return FUSED
         return ""

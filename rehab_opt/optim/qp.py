@@ -1,4 +1,4 @@
-"""A QP, stated once symbolically; its numbers and its certificate are derived."""
+"""A QP, stated once symbolically; its numerical data and its certificate are derived."""
 
 from __future__ import annotations
 

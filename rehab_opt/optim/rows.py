@@ -39,7 +39,7 @@ class Row(NamedTuple):
 
 
 class Instance(NamedTuple):
-    """Numbers of one QP: min 1/2 x'Hx + g'x, lower <= x <= upper, rows_lower <= A x <= rows_upper."""
+    """Numerical data of one QP: min 1/2 x'Hx + g'x, lower <= x <= upper, rows_lower <= A x <= rows_upper."""
 
     H: Array
     g: Array

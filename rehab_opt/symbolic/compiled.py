@@ -1,4 +1,4 @@
-"""CasADi functions as machine code in the user's cache folder; the virtual machine if that is impossible.
+"""Compile CasADi functions to machine code in a cache folder; otherwise CasADi's virtual machine evaluates them.
 
 Environment variables: `REHAB_OPT_COMPILE=0` forces the virtual machine, `REHAB_OPT_COMPILE=wait` waits for the code of
 every construction. `REHAB_OPT_CACHE` names another cache folder, `CC` another compiler. `REHAB_OPT_OPTIMISE` sets the
@@ -47,8 +47,8 @@ Compile = Literal["wait", False] | None
 # No -ffast-math: it removes NaN checks. No contraction to fused multiply-adds and no -march=native, so that the
 # virtual machine gives the same numbers and a cache shared by machines holds code that runs on each of them. In
 # gnu89 CasADi writes its minimum and maximum as comparisons, where C99 would call a library function for each;
-# the two differ only in which NaN they drop, and what rests on neither is certified. CasADi exports its square, minimum
-# and maximum; no other library's may take their place, or each would be a call: a third of a tick's time.
+# the two differ only in which NaN they drop, and no certificate rests on either. CasADi exports its square, minimum and
+# maximum; no other library's may replace these, or each use would be a call: a third of a tick's time.
 FLAGS = (
     "-std=gnu89",
     "-Werror=implicit-function-declaration",
@@ -102,7 +102,7 @@ def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
 def machine_code(
     function: ca.Function, *, compile: Compile = None, ready: weakref.WeakMethod[Callable[[ca.Function], None]]
 ) -> ca.Function:
-    """`function` as machine code from the cache or after a wait; else unchanged, and `ready` gets the code later.
+    """`function` as machine code, from the cache or after a wait; else `function` itself: `ready` gets the code later.
 
     Another thread calls `ready`, unless its object is gone by then or compilation failed.
     """
