@@ -106,7 +106,7 @@ class Assistance(BoundedForce):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings if field, bounds and delay do not fit together, with better values; see `settling_notes`."""
+        """Warnings, with better values, if field, bounds and delay do not fit together; see `settling_notes`."""
         field = self.field
         drag = 2.0 * abs(field.drag) if field.drag == field.drag else 0.0  # NaN if learnt: then in the samples
         stiffness = max(float(field.samples.stiffness.max()), drag)

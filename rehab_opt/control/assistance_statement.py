@@ -1,4 +1,4 @@
-"""QP of one assistance tick: the force nearest to the desired one within two discs, of force limit and slew limit."""
+"""QP of one assistance tick: force nearest to the desired one, within the discs of force limit and slew limit."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def turned(rotation: Array, vector: Array) -> Array:
 
 # ------------------------------------------------------------------------------------------------- as functions
 def rigid_function() -> ca.Function:
-    """CasADi function from a pose (16 entries) to 1 if it is rigid, see `is_rigid`."""
+    """CasADi function of a pose (16 entries) that gives 1 if the pose is rigid, see `is_rigid`."""
     pose = ca.SX.sym("pose", 16)
     return ca.Function("rigid", [pose], [is_rigid(ca.reshape(pose, 4, 4).T)], {"cse": True})
 
@@ -78,8 +78,9 @@ def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
 
 
 def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:
-    """Move from pose a (12,) to pose b (12,): duration [s], at least `least`, and constant twist (6,) within the two
-    speed limits.
+    """Duration [s], at least `least`, and constant twist (6,) of a motion from pose a (12,) to pose b (12,).
+
+    The twist is within both speed limits.
     """
     one, other = _by_rows(a), _by_rows(b)
     shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])

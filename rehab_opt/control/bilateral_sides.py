@@ -81,7 +81,9 @@ class _Messages:
 
 
 class ParticipantSide(OneThread):
-    """Pull the participant's hand to the image of the helper's hand, inside the participant's comfortable workspace.
+    """Pull the participant's hand to the position that the map assigns to the helper's hand.
+
+    The pull acts inside the participant's comfortable workspace.
 
     Parameters
     ----------

@@ -72,10 +72,11 @@ class BoundedForce(OneThread):
     s.t. |F - F_last| <= slew_limit dt,
          |F| <= min(force_limit, largest recent force + growth_limit dt, force that the energy tank affords)
 
-    The force limit always holds exactly. The slew limit holds except in a release flagged `Relaxed.SLEW`: the hand is
-    faster than `speed_cap`, or the energy is too small for a slower release. The delivered energy stays within the
-    budget if the hand stays below the speed cap and ticks come within `max_age`. If the hand jumps faster than the
-    speed cap, it can once draw more energy: at most the force limit times the length of the jump.
+    The force limit always holds exactly. The slew limit holds except in a release that is flagged `Relaxed.SLEW`. Such
+    a release occurs if the hand is faster than `speed_cap`, or if the energy is too small for a slower release. The
+    delivered energy stays within the budget if the hand stays below the speed cap and ticks come within `max_age`. If
+    the hand jumps faster than the speed cap, it can once draw more energy: at most the force limit times the length of
+    the jump.
 
     The force falls to zero within the slew limit after a solver failure, an invalid sensor value, a stale stamp or a
     released `enable`. Two faults are not detected: a sensor error smaller than a possible motion in a tick, and a late

@@ -1,8 +1,8 @@
 """QP of chair and arm for one set of task rows: Honzik's Eq. 1 with bounds.
 
-The QP is feasible in every tick. Let c be the velocity after one tick in which all joints brake together as hard as
-possible: c satisfies all rows. It satisfies the acceleration limits and does not change the stop posture z, and every
-bound holds at z and on the way to z. The task rows hold with the slack variable off = |e|.
+The QP is feasible in every tick, since a velocity c satisfies all rows: that after one tick in which all joints brake
+together as hard as possible. This braking satisfies the acceleration limits and does not change the stop posture z.
+Every bound holds at z and on the way to z. The task rows hold with the slack variable off = |e|.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ class ChairAndArm(VelocityController):
 
     - u: joint velocities; those of the chair are in the chassis frame (forward, left, turn). In this frame the rolling
       constraint, Eq. 4, is a left speed of zero.
-    - r: commanded twist; w: hand velocity off the direction of r that is still allowed in this tick; e: further hand
-      velocity off this direction that remains if the robot brakes.
+    - r: commanded twist.
+    - w: hand velocity off the direction of r that is still allowed in this tick.
+    - e: further hand velocity off the direction of r that remains if the robot brakes.
     - z = q + T u: stop posture if all joints now brake together, see `BrakingTogether`. J: Jacobian at mid-tick.
     - t: joint velocities by Eq. 1, or the nearest ones that the accelerations allow (`HandTask`).
     - b: the answer t if it satisfies all bounds; otherwise t blended with u_last (1 - dt/T), so that a chair at rest
@@ -212,7 +213,7 @@ class ChairAndArm(VelocityController):
             self._inputs[2][: numbers.size] = numbers
 
     def set_inputs(self, q: ArrayLike, twist: ArrayLike, world: float, moving: Array | None) -> None:
-        """Set q, twist, frame and moving capsules of a tick; raises `ConfigurationError`."""
+        """Set q, twist, frame and moving capsules of a tick; a wrong shape or type raises `ConfigurationError`."""
         if moving is not None:
             self._inputs[2][-moving.size :] = moving.reshape(-1)
         views = self._views
@@ -261,7 +262,7 @@ class ChairAndArm(VelocityController):
 
     @property
     def memory_at(self) -> int:
-        """Index of the memory in the state."""
+        """Index at which the memory begins in the column of the state."""
         return self.stated.state_size - self._memory_size
 
     @property

@@ -111,7 +111,7 @@ class ChairLimits:
 
     @property
     def moving(self) -> list[int]:
-        """Indices of the joints that can move; the rolling constraint, Eq. 4 in the chassis frame, excludes others."""
+        """Indices of the joints that can move; the rolling constraint (Eq. 4) can exclude joints of the chair."""
         return [*self.wheels.moving, *range(CHAIR, self.robot.chain.n)]
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX, surroundings: ca.SX, *, gives_way: ca.SX) -> Limits:
@@ -275,7 +275,7 @@ class ChairLimits:
 
 
 def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Interval of the velocities inside the interval `ends` that changes of up to `change` from `last` can reach.
+    """Interval of the velocities inside the interval `ends` that differ from `last` by at most `change`.
 
     The interval is widened to include the velocity `base`.
     """

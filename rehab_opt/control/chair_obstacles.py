@@ -38,10 +38,10 @@ TIGHTER = 1e-7
 class ChairObstacles:
     """QP rows on the chair's velocity (3,), in the chassis frame, for one obstacle from `obstacle_numbers`.
 
-    `column` holds `ROWS` rows. The upper bound [m/s] of a row is the closing speed that it allows beyond that of the
-    braking chair. A wall has two rows for each of the chair's two corners nearest to it: one at the current posture,
-    one on the way to the stop posture. A post has one row for the point of the outline nearest to it now. Two more rows
-    cover the path of the post relative to the braking chair: half-way, and at the stop posture.
+    `column` holds `ROWS` rows. The upper bound [m/s] of a row is the closing speed that the row allows in addition to
+    that of the braking chair. A wall has two rows for each of the chair's two corners nearest to it: one at the current
+    posture, one on the way to the stop posture. A post has one row for the point of the outline that is now nearest to
+    it. Two more rows cover the path of the post relative to the braking chair: half-way, and at the stop posture.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class ChairObstacles:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """Function: obstacle (4,), chair position (3,), last command (3,) -> `column`, or `far` if it is far away."""
+        """Function: obstacle (4,), chair position (3,), last command (3,) -> `column`, or `far` for a distant one."""
         tick, one, place, last = (
             Stages(),
             ca.SX.sym("one", NUMBERS),
@@ -169,7 +169,10 @@ class ChairObstacles:
         return rows
 
     def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
-        """Two columns (8,) of two rows each for a post: now and half-way to rest; an empty row and the stop posture."""
+        """Two columns (8,) for a post, each with two rows.
+
+        The first column holds the rows now and half-way to rest, the second an empty row and that at the stop posture.
+        """
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
         now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))

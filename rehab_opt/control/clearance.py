@@ -29,12 +29,12 @@ class Clearance:
     grad d . q' + n . (-v) >= -rate (d - margin)
 
     with n the direction from body to link and v the velocity of the body's nearest point. The following holds if joints
-    move as commanded and moving bodies keep the velocity that is passed.
+    move as commanded and moving bodies keep the velocity that the caller passes.
     - Fixed bodies: no pair comes nearer than `margin`, and a pair that is already nearer gets no nearer, also while
       braking.
     - Moving bodies: the arm moves away within speed and joint limits, and may exceed its acceleration limits. If no
       such velocity exists, or the arm is not enabled, the body may come nearer by its own motion; `Relaxed.POSITION`
-      reports it. The arm's own motion never brings them nearer.
+      reports it. The arm's own motion never brings a body nearer.
 
     Parameters
     ----------

@@ -53,8 +53,9 @@ THERE = MOVING - 1
 
 
 class Kind(NamedTuple):
-    """Functions for pairs of one kind. Each takes the column of a pair's geometry; `room` and `contacts` also take the
-    pair's `Approach`.
+    """Functions for pairs of one kind.
+
+    Each function takes the column with the geometry of a pair; `room` and `contacts` also take the pair's `Approach`.
     """
 
     distance: ca.Function
@@ -137,8 +138,8 @@ class ClearancePairs:
     def nearest(self) -> ca.Function:
         """Function: q, last velocity, moving capsules, time -> column of the contacts with the least room, see `read`.
 
-        `Approach` defines the room. The last entry of the column is the least distance of all pairs at q, minus the
-        margin.
+        `Approach` defines the room of a contact. The last entry of the column is the least distance of all pairs at q,
+        minus the margin.
         """
         n, k = self.chain.n, self.max_contacts
         q, last = ca.MX.sym("q", n), ca.MX.sym("last", n)
@@ -162,10 +163,10 @@ class ClearancePairs:
         return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, ca.mmin(self.distances(q, told, 0)))])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Split a column of `nearest` into three results.
+        """Split a column of `nearest` into distances, slopes and rates.
 
-        They are the distances minus the margin (k,), their derivatives (k, n) by q, and their rates (k,) by the bodies'
-        own motion.
+        The distances (k,) are those minus the margin, the slopes (k, n) are their derivatives by q, and the rates (k,)
+        are their changes per second by the bodies' own motion.
         """
         k = self.max_contacts
         return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
@@ -231,7 +232,7 @@ class ClearancePairs:
 
     @cached_property
     def _told(self) -> tuple[Array, Array]:
-        """Flags (4, pairs) for each kind: the flag of a body's end is 0 if the pair of a thicker body covers it."""
+        """Flags (4, pairs) for each kind, one per end of the two bodies: 0 if the pair of a thicker body covers it."""
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]
         pairs = [(("link", i), ("link", j)) for i, j in self.linked]

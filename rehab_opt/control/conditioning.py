@@ -157,7 +157,7 @@ class Conditioner(OneThread):
     def push(self, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> Conditioned:
         """Add one sample: stamp [s], position (3,) [m], quaternion (x, y, z, w).
 
-        Return the output samples, possibly none or several, whose times are now known to lie before this sample.
+        Return the output samples that the new sample completes: none, one or several.
         """
         if self._owner != get_ident():
             self._claim()

@@ -59,7 +59,7 @@ class Approach(NamedTuple):
 
 
 def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Two results: the height [m] of a ball's centre (3,) along a half-space's normal, minus `offset`; the contact."""
+    """Height [m] of a ball's centre (3,) along a half-space's normal, minus `offset`; and the contact (8,)."""
     height = ca.dot(normal, centre) - offset
     return height, ca.vertcat(height, normal, ca.cross(centre, normal), 0)
 
@@ -69,8 +69,8 @@ def capsule_and_capsule(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Three results for two capsules: distance [m]; approximate room [m] of the nearest points; contacts (9, 5).
 
-    A column of the contacts is one contact and its room. Overlapping bodies have a negative distance, down to minus
-    `radii` for segments that intersect.
+    Each column of the contacts holds one contact, and its room as last entry. Overlapping bodies have a negative
+    distance, down to minus `radii` for segments that intersect.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def capsule_and_capsule(
 
 
 def _behind_those_beside(contacts: list[ca.SX], places: list[ca.SX], apart: list[ca.SX], told: list[ca.SX]) -> None:
-    """Give more room to contacts that lie beside a nearer one (`places` in m) or that another pair covers."""
+    """Give more room to a contact beside a nearer contact, or beside a contact that another pair covers."""
     for j, place in enumerate(places):
         for i, beside in enumerate(places):
             nearer = apart[i] <= apart[j] if i < j else apart[i] < apart[j]
@@ -147,8 +147,8 @@ def capsule_and_box(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Three results for a capsule and a box: distance [m]; room [m] of the nearest contact; contacts (9, 5).
 
-    A column of the contacts is one contact and its room. If the segment cuts the box, the distance is negative: minus
-    the length of the shortest translation out of the box, minus `radius`.
+    Each column of the contacts holds one contact, and its room as last entry. If the segment cuts the box, the distance
+    is negative: minus the length of the shortest translation out of the box, minus `radius`.
 
     Parameters
     ----------

@@ -29,10 +29,10 @@ def tank_record(slots: int) -> Record:
     """Record of a tank's state. At first `level` is the budget and all other values are zero.
 
     level : [J] energy left at the last valid position. pending : [J] energy reserved since then.
-    coming : [J] energy that the commands already sent may deliver beyond `pending`.
+    coming : [J] energy, in addition to `pending`, that past commands may still deliver.
     disputed : [J] reserve that was given back after a gap in the positions; it is lost if a jump follows at once.
     unseen : [s] time since the last valid position. gap : whether there were several ticks since then.
-    varied : [J] largest additional work since then, since forces differed from `along`.
+    varied : [J] largest work, since then, by the differences between the forces and `along`.
     peak : [N] largest force since then. along : (2,) [N] first force since then.
     lately, swing : [N] largest force so far, and accumulated change of the force; both fade with time.
     x, y, around, impulse, seconds : (slots,) values of each time slot, newest first. A disc with the centre (x, y) and
@@ -139,7 +139,7 @@ class EnergyTank:
         return self._with(lately=lately, swing=swing, **after)
 
     def elapsed(self, force: ca.SX, seconds: ca.SX, surely: ca.SX) -> EnergyTank:
-        """Account for a force (2,) commanded for at most `seconds`, with any hand motion within the speed cap.
+        """Account for a force (2,) commanded for at most `seconds`, whatever the hand's motion within the speed cap.
 
         The values of `surely` [s] sum up to the elapsed time, even if stamps jitter. This sum decides when past
         commands expire.

@@ -223,7 +223,7 @@ def _affordable(tank: EnergyTank, model: Values) -> tuple[ca.SX, ca.SX]:
 
 
 def _growth(felt: ca.SX, force: ca.SX, model: Values) -> tuple[ca.SX, ca.SX]:
-    """Largest recent force [N] after `force` (2,), and largest force [N] that may be commanded next."""
+    """Two results: largest recent force [N], `force` (2,) included; largest force [N] that may be commanded next."""
     fades = model.force_limit / FORGOTTEN * model.dt
     now = ca.fmax(ca.norm_2(force), felt - fades)
     return now, now + model.growth_limit * model.dt
@@ -258,9 +258,9 @@ def anew(slots: int) -> ca.Function:
 def hear(slots: int) -> ca.Function:
     """Function: `MODEL`, `watched_record`, `NUMBERS`, message (4,) -> `watched_record`, `NUMBERS`, two values.
 
-    The message holds an energy [J], a serial number and two values. It is new if its serial number is above that of
-    the newest accepted message, and at most `LEAP` above that of the newest accepted or the last received message. A
-    message that is not new gives NaN values and no energy.
+    The message holds an energy [J], a serial number and two values. A message is new if its serial number is above
+    that of the newest accepted message, and at most `LEAP` above that of the newest accepted or the last received
+    message. A message that is not new gives NaN values and no energy.
     """
     model, watched = MODEL.symbols("model").column, watched_record(slots).symbols("watched").column
     numbers, (energy, serial, *told) = NUMBERS.symbols("numbers"), ca.vertsplit(heard := ca.SX.sym("heard", 4))
@@ -275,7 +275,7 @@ def hear(slots: int) -> ca.Function:
 
 @cache
 def say(slots: int) -> ca.Function:
-    """Function: inputs of `give`, `VIEW`, `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
+    """Function: the inputs of the function `give`, `VIEW`, `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
     energies, view, numbers = give(slots).sx_in(), VIEW.symbols("view"), NUMBERS.symbols("numbers")
     after, energy = give(slots)(*energies)
     place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers.said + 1

@@ -154,7 +154,7 @@ class Interaction:
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """Displacement and velocity, reduced to what the hand followed; `away` (3,) [m] is hand minus reference."""
+        """Displacement and velocity, less the excess that the hand did not follow; `away` is hand minus reference."""
         refused = moved - away
         missing = ca.norm_2(refused)
         way = refused / ca.fmax(missing, 1e-12)
@@ -169,7 +169,7 @@ class Interaction:
         return FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.reserve})
 
     def too_large(self, felt: Array) -> str:
-        """Text of the reason for a stop, with the force in the `FELT` record `felt`."""
+        """Text that says why the arm stopped, with the force from the `FELT` record `felt`."""
         size = math.hypot(*felt[FELT.places["force"]].tolist())
         if size >= self.stop_at:
             return f"interaction force of {size:.1f} N, at most {self.stop_at:g} N"

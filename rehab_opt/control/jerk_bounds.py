@@ -117,7 +117,9 @@ class JerkBounds(NamedTuple):
         )
 
     def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Interval in which no joint overshoots its unconstrained velocity, since acceleration needs time to end."""
+        """Interval from which no joint overshoots its unconstrained velocity, although ending an acceleration takes
+        time.
+        """
         slower = last <= unconstrained
         most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
         least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))

@@ -151,7 +151,7 @@ class Button:
         self._down, self._since = None, self._ticks
 
     def press(self, down: object) -> bool:
-        """Whether a press begins now; to be called in every tick."""
+        """Whether a press begins in this tick; the method must be called in every tick."""
         now = is_true(down)
         if self._down is None:
             self._down = now  # a button that is down from the beginning is stuck

@@ -51,10 +51,9 @@ class ArmKeepOuts:
         """Indices of the arm joints that move the links; a last joint whose axis passes through the hand does not."""
 
     def limits(self, tick: Stages, q: ca.SX, last: ca.SX) -> tuple[LinearLimit, LinearLimit, ca.SX]:
-        """Three results at q (n,) after the command `last` (n,).
+        """Limits [m/s] at the posture q (n,), limits on the way to rest, and distance [m] from the nearest keep-out.
 
-        The results are the limits [m/s] at the current posture, the limits on the way to rest, and the arm's distance
-        [m] from the nearest keep-out.
+        The last command was `last` (n,).
         """
         n, count = q.numel(), len(self.robot.keep_out) * len(self.robot.links)
         if not count:
@@ -74,9 +73,9 @@ class ArmKeepOuts:
         return now, then.beyond(self.braking.slower(last)), clearance
 
     def near(self, arm: ca.SX, fastest: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Two results at the arm's joints `arm` (k,) and joint speeds of up to `fastest` (k,).
+        """Whether a keep-out can matter, and the arm's distance [m] from the nearest keep-out.
 
-        The results are whether a keep-out can matter, and the arm's distance [m] from the nearest keep-out.
+        The arm has the joint positions `arm` (k,); its last joint speeds were at most `fastest` (k,).
         """
         clearance = ca.mmin(self._gaps(arm))
         speed = ca.sum1(fastest + self.braking.change[CHAIR:])
@@ -94,9 +93,10 @@ class ArmKeepOuts:
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Function: arm (k,), last (k,) -> table (2 c, k + 1) for c distances, now and then on the way to rest.
+        """Function: arm (k,), last (k,) -> table (2 c, k + 1) for c distances.
 
-        A row holds the derivatives of the closing speed by the k joint speeds, and the upper bound [m/s].
+        A row holds the derivatives of a closing speed by the k joint speeds, and the upper bound [m/s]. The first c
+        rows are for the current posture, the others for the way to rest.
         """
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time

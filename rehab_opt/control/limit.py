@@ -245,7 +245,7 @@ class PostureLimits:
         seconds: Sequence[float],
         change: ca.DM,
     ) -> tuple[ca.SX, ca.SX]:
-        """Rows R u <= r for the limits on the path that the velocities u (n,) lead to, as R (m, n) and r (m,).
+        """R (m, n) and r (m,) of rows R u <= r that keep the limits along the path at the velocities u (n,).
 
         The rows are linearised at the velocities `last` (n,).
 
@@ -392,7 +392,7 @@ class PostureLimits:
     def _now(self, q: ca.SX, last: ca.SX, contacts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Three results for the least distances: slopes (m, n), and two largest rates of decrease (m,).
 
-        The first rate is that of the barrier; at the second, a distance becomes zero in this tick.
+        The first rate is that of the barrier; the second reduces a distance to zero in this tick.
         """
         parts = [(ca.SX(0, self.chain.n), ca.SX(0, 1), ca.SX(0, 1))]
         if self.limits:
@@ -430,9 +430,7 @@ class PostureLimits:
 
 
 def _left(t: float, distances: ca.SX, changes: ca.SX, u: ca.SX, change: ca.DM) -> ca.SX:
-    """Table (m, 1 + n): distances after t [s], less a margin for changes of u (n,), and their slopes; all divided by
-    t.
-    """
+    """Table (m, 1 + n): distances after t [s], minus a margin for changes of u (n,), and slopes; all divided by t."""
     largest, slopes = ca.mmax(change), changes / t
     begun = ca.fmin(largest, ca.mmax(ca.fabs(u))) * largest / 2
     return ca.horzcat(distances / t - begun * t * ca.sqrt(ca.sum2(slopes**2)), slopes)

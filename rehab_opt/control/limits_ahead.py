@@ -343,7 +343,7 @@ class Kept(Bound):
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
-        """Upper bounds (m,) of the rows, less the tangents' error at the command u (n,).
+        """Upper bounds (m,) of the rows, reduced by the tangents' error at the command u (n,).
 
         The command `brake` (n,) still satisfies the rows.
         """
@@ -362,6 +362,6 @@ def _with_parabolas(h: Sequence[ca.SX]) -> ca.SX:
 
 
 def largest_part(a: ca.SX, b: ca.SX, most: float) -> ca.SX:
-    """Largest fraction, at most 1, of vector b that can be added to vector a within the length `most` of the sum."""
+    """Largest fraction, at most 1, of vector b that can be added to vector a so that |sum| <= most."""
     bb, ab, room = ca.fmax(ca.sumsqr(b), 1e-18), ca.dot(a, b), ca.fmax(most**2 - ca.sumsqr(a), 0)
     return ca.fmin((ca.sqrt(ab**2 + bb * room) - ab) / bb, 1)

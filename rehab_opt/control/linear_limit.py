@@ -51,7 +51,7 @@ class LinearLimit(NamedTuple):
         return self.matrix @ u - self.upper
 
     def beyond(self, u: ca.SX) -> LinearLimit:
-        """The limit on u + x, if this is the limit on velocities x that are added to u (n,)."""
+        """Limit on the sum of u (n,) and any velocities that satisfy this limit."""
         return self._replace(upper=self.upper + self.matrix @ u)
 
     def relaxed(self, u: ca.SX) -> LinearLimit:
@@ -61,8 +61,8 @@ class LinearLimit(NamedTuple):
     def max_step_size(self, way: ca.SX, begin: ca.SX | None = None, slack: float = 0.0) -> ca.SX:
         """Largest step size, at most 1, along `way` (n,) from the velocities `begin` (n,) within the limit.
 
-        Without `begin` the step starts at rest. It may exceed the limit by `slack`. If `begin` violates the limit, the
-        violation must not grow.
+        Without `begin` the step starts at rest. The step may exceed the limit by `slack`. If `begin` violates the
+        limit, the violation must not grow.
         """
         matrix, upper = self.one_sided
         if not self.row_count:
@@ -77,7 +77,7 @@ class SymmetricLimit(LinearLimit):
 
     @property
     def one_sided(self) -> LinearLimit:
-        """See `LinearLimit`; it has 2 k rows."""
+        """As in `LinearLimit`; the result has 2 k rows."""
         return LinearLimit(ca.vertcat(self.matrix, -self.matrix), ca.vertcat(self.upper, self.upper))
 
     def rows(self, u: ca.SX) -> list[Row]:
