@@ -223,7 +223,7 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] Smallest deviation from the reference within reach; `max_deviation` and `max_turn` limit the excess."""
+        """[m, rad] Smallest deviation from the reference within reach; `max_deviation`, `max_turn` limit the excess."""
         return (0.0, 0.0) if self._live else self._short_by
 
     @property
