@@ -78,7 +78,7 @@ class RangeOfMotion(Section):
 
     @model_validator(mode="after")
     def angles_are_degrees(self) -> Self:
-        """Refuse a table in radians: an arm with these limits in degrees could hardly move."""
+        """Refuse a table that is probably in radians, since an arm with these limits in degrees could hardly move."""
         pairs = {key: pair for key, pair in self if key.endswith("_deg")}
         if pairs and max(abs(limit) for pair in pairs.values() for limit in pair) <= RADIANS:
             key = max(pairs, key=lambda key: pairs[key][1] - pairs[key][0])
@@ -159,7 +159,7 @@ class GoniometerRange(RangeOfMotion):
 
     @model_validator(mode="after")
     def people_have_such_angles(self) -> Self:
-        """Refuse angles that nobody reaches; the error says what is expected."""
+        """Refuse angles that nobody reaches."""
         try:
             self.by_joint()
         except ConfigurationError as refused:

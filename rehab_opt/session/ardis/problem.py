@@ -44,7 +44,7 @@ class RobotSection(Section):
 
     @model_validator(mode="after")
     def said_once(self) -> Self:
-        """Refuse keys that the robot file defines itself, and missing or too many starting angles."""
+        """Refuse keys that the robot file defines itself, and starting angles that are missing or of wrong number."""
         if self.file is None:
             if self.arm_deg is not None and len(self.arm_deg) != ARDIS_JOINTS:
                 raise refusal("arm_deg", self.arm_deg, f"{ARDIS_JOINTS} entries")

@@ -60,7 +60,7 @@ class PoseRecordingSection(Section):
 
     @model_validator(mode="after")
     def axes_and_columns_differ(self) -> Self:
-        """Refuse `fingers` and `back` along one axis, only half of the column numbers, and fewer than three rows."""
+        """Refuse `fingers` and `back` along one axis, only one of the keys for columns, and fewer than three rows."""
         if self.fingers[1] == self.back[1]:
             raise refusal("back", self.back, f"an axis across fingers = {self.fingers}")
         if (self.position_columns is None) != (self.quaternion_columns is None):
