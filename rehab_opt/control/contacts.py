@@ -83,7 +83,7 @@ def capsule_and_capsule(
     aa, bb, ab = ca.sumsqr(along), ca.sumsqr(across), ca.dot(along, across)
     gap = a - b
     c, f = ca.dot(along, gap), ca.dot(across, gap)
-    # Nearest point of the other to each end of the first; t is the position on the other, s on the first.
+    # For each end of the first segment, its nearest point on the other; s and t are fractions along first and other.
     places = [
         (
             ca.SX(end),

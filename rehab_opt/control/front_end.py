@@ -78,7 +78,7 @@ class FrontEnd:
         number = all_true(ca.fabs(measured) <= _countable(chain))
         ahead = memory.led + dt * command
 
-        # Unwrap: the turn nearest to the commanded position; at first the one nearest to the middle of the limits.
+        # Unwrap: add the whole turns that lead nearest to the commanded position, at first to the middle of the limits.
         middle = ca.DM((np.clip(chain.lower, -1e6, 1e6) + np.clip(chain.upper, -1e6, 1e6)) / 2)
         inside = ca.logic_and(measured >= ca.DM(chain.lower) - BEYOND, measured <= ca.DM(chain.upper) + BEYOND)
         near = ca.if_else(memory.known, ahead, ca.if_else(inside, measured, middle))

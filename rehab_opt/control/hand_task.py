@@ -137,7 +137,7 @@ class HandTask:
         soft, firmness = firm(jacobian)
         change = firmness(commanded - jacobian @ free)
         law = free + self._spread(soft @ change)
-        # From the last motion as far towards Eq. 1 as the accelerations allow.
+        # Start from the last motion and go as far towards Eq. 1 as the accelerations allow.
         hand = before @ last
         along = clipped(ca.dot(direction, hand), 0, sought)
         aside = hand - along * direction

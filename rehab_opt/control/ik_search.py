@@ -176,7 +176,7 @@ class IKSearch:
     # ------------------------------------------------------------------------------------------------- plumbing
     @cached_property
     def _dexterity(self) -> float:
-        """Weight of the squared manipulability, divided by its mean over the range of motion."""
+        """Weight of the squared manipulability, divided by the mean of this square over the range of motion."""
         if not self._manipulability:
             return 0.0
         postures = self.table.postures

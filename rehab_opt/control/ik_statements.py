@@ -25,7 +25,8 @@ __all__ = ["IKStatements"]
 class IKStatements:
     """NLPs for one arm, one pattern of locked joints and one kind of handle constraint.
 
-    Limits, locked values, tilt and weights are parameters, so people who differ only in these share compiled code.
+    Limits, values of locked joints (`still`), tilt and weights are parameters, so people who differ only in these share
+    compiled code.
 
     Attributes
     ----------

@@ -164,5 +164,6 @@ class JerkBounds(NamedTuple):
         way = fall * (u + fall * (0.5 * a - jerk * fall / 6)) + hold * (slower - 0.5 * p * hold) + p**3 / (6 * jerk**2)
         further = u + 0.5 * a * ca.fabs(a) / jerk > 0
         way = ca.if_else(further, ca.fmax(way, 0), turning)
-        # Held velocities travel half a tick further, plus the excess of the sum over the integral.
+        # A velocity that is held for each tick travels half a tick further; the second term is the sum's excess over
+        # the integral.
         return q + 0.5 * dt * u - dt**2 / 12 * a + way

@@ -101,7 +101,7 @@ class ArmKeepOuts:
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time
         apart = time / len(ALONG)
-        # At mid-tick a link that slides along a keep-out comes no nearer.
+        # Rows at mid-tick: a link that slides along a keep-out then comes no nearer.
         opening, gaps = self._opening(arm + last * (self.dt / 2))
         now, free = -opening, (gaps - self._margin(0.0, last)) / time
         then, left = 0 * opening, ca.SX.inf(now.size1())
@@ -111,7 +111,7 @@ class ArmKeepOuts:
             opening, here = self._opening(arm + part * time * slower)
             changes = opening @ slower
             rises = ca.fmax(changes, 0)
-            # The minimum of a parabola if the distance falls and then rises from the previous place; else this place.
+            # If the distance falls and then rises from the previous point: minimum of a parabola. Else: this point.
             dips = ca.logic_and(falls < 0, rises > 0)
             fraction = ca.if_else(dips, -falls / ca.fmax(rises - falls, TINY), 1)
             least = ca.if_else(dips, gaps + falls * fraction * apart / 2, here)
