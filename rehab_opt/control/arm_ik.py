@@ -68,7 +68,7 @@ class IKPath:
 
     @property
     def max_step(self) -> float:
-        """[rad] Largest joint change between two samples; large at a jump to another branch."""
+        """[rad] Largest joint change between two samples; large if the arm jumps to another branch of postures."""
         return float(self.steps.max(initial=0.0))
 
     @property

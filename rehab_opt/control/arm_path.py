@@ -135,7 +135,7 @@ class Postures:
         return q, missing.max(axis=1)
 
     def tracks(self, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Follow K poses from `count` random starts.
+        """Let the arm follow K poses from `count` random start postures.
 
         Return the postures (K, count, m) and their pose errors (K, count) as multiples of the tolerance.
         """

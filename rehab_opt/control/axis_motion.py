@@ -145,7 +145,7 @@ class AxisStop:
         self.lowest, self.highest = position_range(self._pieces)
 
     def at(self, t: float) -> tuple[float, float, float]:
-        """Position, velocity and acceleration `t` seconds after the stop began [u, u/s, u/s^2]."""
+        """Position [u], velocity [u/s] and acceleration [u/s^2], `t` seconds after the stop began."""
         for piece in self._pieces:
             if t < piece.seconds:
                 return piece.after(t)

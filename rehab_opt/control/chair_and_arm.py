@@ -174,7 +174,7 @@ class ChairAndArm(VelocityController):
 
     # ------------------------------------------------------------------------------------------ what is remembered
     def remembered(self, q: ca.SX, u: ca.SX) -> ca.SX:
-        """Memory of the next tick, see `__init__`."""
+        """Memory for the next tick: u, the position that u leads to, the command, and the wheel speeds."""
         cos, sin = ca.cos(q[2]), ca.sin(q[2])
         value = ca.vertcat(cos * u[0] - sin * u[1], sin * u[0] + cos * u[1], u[2:])
         wheels = self.wheelset.wheel_speeds_expression(u[:CHAIR])

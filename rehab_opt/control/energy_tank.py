@@ -183,7 +183,7 @@ class EnergyTank:
         return blind._sent(following, ca.SX(0), self._window)
 
     def given(self, fraction: ca.SX, force: ca.SX) -> tuple[EnergyTank, ca.SX]:
-        """Take a fraction of the free energy; return the tank and that energy [J].
+        """Take a fraction of the free energy; return the tank without it, and the energy taken [J].
 
         Disputed energy and energy that `force` (2,) may still deliver are not free.
         """

@@ -64,8 +64,8 @@ class Interaction:
     seconds.
 
     The default of `stop_at`, 140 N, is quoted from ISO/TS 15066 for a hand of healthy adults. A reference out of reach
-    pulls with K times its distance. A sensor's bias moves the hand by bias / K. Sensor faults are not detected: below
-    `stop_at` the hand yields to any force.
+    pulls the hand with K times their distance. A sensor's bias moves the hand by bias / K. Sensor faults are not
+    detected: below `stop_at` the hand yields to any force.
     """
 
     slow_from: float = 8.0
@@ -103,8 +103,8 @@ class Interaction:
         """Function: force [N] (3,), whether it is measured, `FELT`, hand minus last reference [m] (3,) -> `FELT`,
         verdict.
 
-        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. An unknown hand
-        position is NaN.
+        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. NaN stands for an
+        unknown hand position.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
         old = FELT.symbols("state")

@@ -303,13 +303,13 @@ class PostureLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """`first_kept` with the test `judged`."""
+        """Function from `first_kept`, with `judged` as its test."""
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
-        """Function: q, moving capsules, unconstrained, braking -> velocity (n,).
+        """Function: q, moving capsules, unconstrained velocity, braking velocity -> velocity (n,).
 
-        The velocity is the first of several blends for which `judged` gives 1, see `PARTS`; otherwise zero.
+        The result is the first of several blends, see `PARTS`, for which `judged` gives 1; zero if there is none.
         """
         n = self.chain.n
         q, told = ca.MX.sym("q", n), ca.MX.sym("moving", judged.numel_in(1))

@@ -134,7 +134,7 @@ class HandSpeed(Bound):
         return ca.fmax(ca.norm_2(twist[:3]) / self._most[0], ca.norm_2(twist[3:]) / self._most[1])
 
     def part(self, jacobian: ca.SX, a: ca.SX, b: ca.SX) -> ca.SX:
-        """Largest fraction, at most 1, of velocities b (n,) that may be added to a (n,) within both speed limits."""
+        """Largest fraction, at most 1, of velocities b (n,) that may be added to a (n,) within both hand speeds."""
         twists = jacobian @ ca.horzcat(a, b)
         linear, angular = (
             largest_part(twists[i : i + 3, 0], twists[i : i + 3, 1], most)
@@ -190,7 +190,7 @@ class Posture(Protocol):
         """(k,) all distances."""
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """(m, 1 + n) the least distances and their gradients by q."""
+        """Table (m, 1 + n): the least distances, each with its gradient by q."""
 
 
 class UserLimits:
@@ -215,7 +215,7 @@ class UserLimits:
         return ca.vertcat(*(each.at(self._chain, q) for each in self._limits))
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """(m, 1 + n) the least values of each limit, up to `Limit.count`, and their gradients."""
+        """Table (m, 1 + n): the least values of each limit, up to `Limit.count`, each with its gradient by q."""
         return self._tangents(q, state.last)
 
 
@@ -237,11 +237,11 @@ class Bodies:
         self._tangents = ca.Function("tangents", [q, told, t], [table])
 
     def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
-        """(pairs,)"""
+        """(pairs,) [m] distances minus the margin."""
         return tick.call(self._pairs.distances, q, moving, t)[0]
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """(m, 1 + n) the nearest `Clearance.max_contacts` contacts and their gradients."""
+        """Table (m, 1 + n): distances of the `Clearance.max_contacts` nearest contacts, each with its gradient by q."""
         return tick.call(self._tangents, q, state.moving, t)[0]
 
 
