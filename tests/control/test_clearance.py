@@ -147,8 +147,8 @@ def test_mirrored_hand_keeps_clear_of_what_stands_and_gives_way_to_what_comes() 
         mirror.plan(np.tile(pose, (5, 1, 1)), np.zeros((5, 6)), q)
 
 
-@pytest.mark.parametrize("acceleration", [15.0, 1.0])
-@pytest.mark.parametrize("inside", [0.0005, 0.005, 0.018])
+@pytest.mark.parametrize("acceleration", [15.0, pytest.param(1.0, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("inside", [pytest.param(0.0005, marks=pytest.mark.nightly), 0.005, 0.018])
 def test_a_body_that_stands_within_the_margin_is_left_slowly(inside: float, acceleration: float) -> None:
     """When `enable` is pressed; the hand's speed is that of differences of its places."""
     dt, chain = 0.002, ur5(velocity=1.0, acceleration=acceleration)

@@ -15,6 +15,7 @@ from rehab_opt import KeepOut
 pytest.importorskip("mujoco")
 
 
+@pytest.mark.nightly
 def test_joints_that_move_as_commanded_keep_every_bound() -> None:
     tasks = {"limit": range(2), "hand": range(1)}  # both arms; a tracker with hand bounds takes seconds to build
     found = {name: done(name, numbers, 5, ideal=True) for name, numbers in tasks.items()}

@@ -33,8 +33,10 @@ def tracker(name: str) -> MirrorTracker:
     ("name", "delay"),
     [
         ("UR5", 0.008),
-        ("iiwa 14", 0.0),
-        *(pytest.param(*each, marks=pytest.mark.nightly) for each in (("UR5", 0.0), ("iiwa 14", 0.008))),
+        *(
+            pytest.param(*each, marks=pytest.mark.nightly)
+            for each in (("UR5", 0.0), ("iiwa 14", 0.0), ("iiwa 14", 0.008))
+        ),
     ],
 )
 def test_it_gives_way_calmly_and_comes_back(name: str, delay: float) -> None:

@@ -50,9 +50,8 @@ def test_positions_under_the_threshold_are_blocked_and_gone_around() -> None:
 @pytest.mark.parametrize(
     ("task", "turn_length"),
     [
-        pytest.param("pick_fruit", 0.1, marks=pytest.mark.nightly),
         ("refrigerator_door", 0.1),
-        ("refrigerator_door", 1.0),
+        *(pytest.param(*each, marks=pytest.mark.nightly) for each in (("pick_fruit", 0.1), ("refrigerator_door", 1.0))),
     ],
 )
 def test_a_plan_is_nowhere_further_from_the_reference_than_astar(task: str, turn_length: float) -> None:
