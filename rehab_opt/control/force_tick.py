@@ -209,8 +209,8 @@ def _finish() -> ca.Function:
 def affordable(slots: int) -> ca.Function:
     """Function: `MODEL`, `watched_record`, last force (2,) -> three values.
 
-    The values are the largest force [N] by energy and force limit, the remaining energy [J], and the largest force [N]
-    by the growth limit.
+    The values are the largest force [N] that the energy and the force limit allow; the remaining energy [J]; and the
+    largest force [N] that the growth limit allows.
     """
     model, watched, force = MODEL.symbols("model"), watched_record(slots).symbols("watched"), ca.SX.sym("force", 2)
     ceiling, left = _affordable(_tank(watched.tank, model, slots), model)
@@ -275,7 +275,7 @@ def hear(slots: int) -> ca.Function:
 
 @cache
 def say(slots: int) -> ca.Function:
-    """Function: the inputs of the function `give`, `VIEW`, `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
+    """Function: first the inputs of `give`, then `VIEW` and `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
     energies, view, numbers = give(slots).sx_in(), VIEW.symbols("view"), NUMBERS.symbols("numbers")
     after, energy = give(slots)(*energies)
     place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers.said + 1

@@ -248,7 +248,7 @@ def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set
 def _needed(
     stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]
 ) -> tuple[list[_Once | _Call], list[int]]:
-    """Two lists: the stages needed for `asked` beyond the inputs, and the level of each.
+    """Two lists: the stages that compute `asked` from the inputs, and the level of each.
 
     The level is the largest number of calls that depend on one another, up to and including the stage.
     """

@@ -189,7 +189,7 @@ def passed_fraction(tool: Array, reference: Array) -> float:
 
 
 def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict[str, Any]:
-    """Metrics of the published path, which has no times; deviations are those of reference positions from it."""
+    """Metrics of the A* path; it has no times, so a deviation is the distance of a reference position from the path."""
     w = np.array([bounds.chain.manipulability(each) for each in path.q]) / bounds.max_manipulability
     return {
         "positions": len(path.q),

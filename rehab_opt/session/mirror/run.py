@@ -130,7 +130,7 @@ class LedScene:
 
 
 def task_of(outcome: Outcome) -> Mirrored:
-    """The `Mirrored` that the scenes of an outcome share."""
+    """The mirrored task, which is the same in all scenes of a run."""
     task: Mirrored = next(iter(outcome.scenes.values())).task
     return task
 
@@ -179,7 +179,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
         return {(name,): LedScene(task, name) for name in LAWS}
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """Metrics of the reference, of each controller, of A* and of bodies."""
+        """Metrics as nested dictionaries: the reference, each controller, A*, and the clearance from bodies."""
         task = task_of(outcome)
         near, astar = task.near(outcome.traces[STEP,]), task.astar
         problem, reference = task.problem, task.setup.reference

@@ -43,7 +43,7 @@ class Together(ForceLaw):
         self._begin(number, (x, y))
 
     def _begin(self, number: int, start: tuple[float, float]) -> None:
-        """Put the helper at rest at a position, with the noise of one trial."""
+        """Begin a trial: the helper is at rest at `start`, with the noise of that trial."""
         person, dt, ticks, seed = self._healthy, self._both.dt, len(self._meant), (self._seed + number, 2)
         self._person = SimulatedPerson(person, self._workspace, dt=dt, ticks=ticks, seed=seed)
         rng = np.random.default_rng((*seed, 1))
