@@ -93,7 +93,7 @@ class FrankaDriver:
         return Reading(state.q, state.dq, state.O_F_ext_hat_K[:3])
 
     def send(self, velocity: list[float]) -> None:
-        """Command joint velocities (7,) [rad/s]; without a new command for `meant_for` [s], the robot brakes to rest."""
+        """Command joint velocities (7,) [rad/s]; without a new one for `meant_for` [s], the robot brakes to rest."""
         first = self._franky.JointVelocityWaypoint(velocity, hold_target_duration=self._meant_for)
         self._move(self._franky.JointVelocityWaypointMotion([first, self._rest]))
 

@@ -107,7 +107,7 @@ def _gate(context: Precomputed, points: Array) -> Array:
 
 
 def _forces(context: Precomputed, points: Array) -> Array:
-    """Force (N, 2) [N] before the gate: of the spring to the path, if any, else of the field with the nearest target."""
+    """Force (N, 2) [N] before the gate: of the spring to a path, else of the field with the nearest target."""
     fields = context.fields
     if context.follows_path:
         path = shapely.LineString(fields[0].paths[0].points)
