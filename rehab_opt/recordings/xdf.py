@@ -6,15 +6,17 @@ import logging
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
 from rehab_opt.recordings.recording import Samples
 from rehab_opt.recordings.units import Reading, each_once, place_of
-from rehab_opt.text_file import MAX_COLUMNS, MAX_RECORDING_SIZE, file_content, shown
+from rehab_opt.text_file import MAX_COLUMNS, MAX_RECORDING_SIZE, file_content, number_in, shown
 
 __all__ = ["read_xdf"]
 
@@ -24,13 +26,19 @@ SPOILT = (
 )  # fmt: skip
 """Exceptions that pyxdf raises for an invalid or truncated file; pyxdf does not document them."""
 
+RAW = MappingProxyType({"dejitter_timestamps": False})
+"""pyxdf would spread a gap over all samples."""
+JITTER, NO_JITTER = 0.75, 1e-2
+"""Spread of the stamps about even times, as a fraction of a step: from `JITTER`, a sample may be lost (one lost sample
+spreads them by 1), and below `NO_JITTER` they are even already."""
+
 
 def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
     """Path (N, 2) or (N, 3) [m] from the channels `how.columns`, which are x, y (and z) of one stream.
 
     A channel is named by its label or number; if several streams have such a channel, the name of the stream and a
-    slash stand before it. Times are those of the stream on the recording's clock; pyxdf removes their jitter if the
-    stream has a nominal rate.
+    slash stand before it. Times are those of the stream on the recording's clock. Stamps of a stream with a nominal
+    rate that only jitter about even times are made even, with a note; stamps with gaps stay as they are.
 
     Raises
     ------
@@ -75,18 +83,30 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
     ]
     points = np.column_stack([series[:, place] * unit for place, unit in zip(places, units, strict=True)])
     second = how.factor("time", "s", name=name, where="time stamps")
-    return Samples(second * (time - time[0]) if len(time) else time, points)
+    time, notes = _unjittered(time, chosen)
+    return Samples(second * (time - time[0]) if len(time) else time, points, notes=notes)
+
+
+def _unjittered(time: NDArray[np.float64], stream: Any) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Two results: the stamps (N,) [s], made even if a constant rate and jitter explain all of them; and a note."""
+    if number_in(_text(stream, "info", "nominal_srate")) > 0 and len(time) > 2:
+        rows = np.arange(len(time))
+        even = np.polynomial.Polynomial.fit(rows, time, 1)(rows)
+        spread, step = np.ptp(time - even), (even[-1] - even[0]) / rows[-1]
+        if NO_JITTER * step < spread < JITTER * step:
+            return even, (f"time stamps with a jitter of {1e3 * spread:.2g} ms are made even: {1 / step:.5g} Hz",)
+    return time, ()
 
 
 def _streams(pyxdf: Any, path: str) -> tuple[list[Any], str]:
     """Two results: all readable streams; and the reason if a stream is unreadable."""
     try:
-        return list(pyxdf.load_xdf(path)[0]), ""
+        return list(pyxdf.load_xdf(path, **RAW)[0]), ""
     except SPOILT as problem:
         said = type(problem).__name__
     streams: list[Any] = []
     for each in _tried(pyxdf.resolve_streams, path):
-        streams += next(iter(_tried(pyxdf.load_xdf, path, select_streams=[each["stream_id"]])), [])
+        streams += next(iter(_tried(pyxdf.load_xdf, path, select_streams=[each["stream_id"]], **RAW)), [])
     return streams, said
 
 

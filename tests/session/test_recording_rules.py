@@ -299,6 +299,27 @@ def test_missing_rows_are_no_beat_of_a_clock(seed: int) -> None:
     np.testing.assert_allclose(np.diff(even), np.diff(rows) / rate, atol=1.1e-3)
 
 
+def test_a_gap_or_lost_samples_of_an_xdf_with_a_rate_stay_where_they_are(written: Write) -> None:
+    """pyxdf spreads a gap over the whole stream: a peak of 0.58 m/s became 0.25 m/s."""
+    pytest.importorskip("pyxdf")
+    time, points = moved()
+    hand, kept = ["hand_X", "hand_Y", "hand_Z"], np.random.default_rng(1).random(len(time)) > 0.1
+    for stamps, path in ((time + 3 * (time > time[60]), points), (time[kept], points[kept])):
+        read = read_recording(written("a.xdf", xdf(stamps, path, unit="m")), columns=hand)
+        np.testing.assert_allclose(read.time, stamps - stamps[0], atol=1e-6)
+        assert len(read.gaps) == (len(stamps) == len(time))
+
+
+def test_stamps_of_an_xdf_that_only_jitter_are_made_even(written: Write) -> None:
+    pytest.importorskip("pyxdf")
+    time, points = moved()
+    jitter = np.random.default_rng(0).uniform(-0.003, 0.003, len(time))
+    path = written("a.xdf", xdf(time + jitter, points, unit="m"))
+    read = read_recording(path, columns=["hand_X", "hand_Y", "hand_Z"])
+    np.testing.assert_allclose(np.diff(read.time), 0.01, rtol=0.01)
+    assert [note[:33] for note in read.notes] == ["time stamps with a jitter of 6 ms"]
+
+
 # -------------------- spellings
 @pytest.mark.parametrize("gap", ["-nan", "-NaN(ind)", "1.#QNAN", "-1.#IND", "#N/A"])
 def test_gaps_are_known_in_the_spellings_of_other_programs(written: Write, gap: str) -> None:
