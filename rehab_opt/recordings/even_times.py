@@ -38,10 +38,12 @@ def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]
     held = (steps == 0).sum() > max(2, 0.1 * len(steps))
     beats = steps.min() > 0 and 1.05 * clock < mean < 1.9 * clock and (steps > 1.5 * clock).sum() >= BEATS
     unit = clock if held or beats else unit
-    if rate is not None:
-        for count in (np.rint(t * rate), *([rows] if unit * rate > 1.01 else [])):
-            if np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate) and (np.diff(count) > 0).all():
-                return _even(time, count, 1 / rate, unit)
+    if rate is not None and np.ptp(steps) > EVENLY * mean:  # even times are not rounded, whatever the header states
+        # Times rounded to more than a sample's duration do not show missing rows: the rate then holds for all rows.
+        count = rows if unit * rate > 1.01 else np.rint(t * rate)
+        agrees = np.ptp(t - count / rate) <= max(1.1 * unit, EVENLY / rate)
+        if agrees and np.median(np.diff(count)) == 1 and (np.diff(count) > 0).all():
+            return _even(time, count, 1 / rate, unit)
     usual = float(np.median(steps))
     near = steps[np.abs(steps - usual) <= 0.5 * usual]
     usual = float(near.mean()) if usual > 0 and near.size else t[-1] / rows[-1]

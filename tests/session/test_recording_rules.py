@@ -290,6 +290,16 @@ def test_times_of_a_coarse_clock_change_no_smoothness(written: Write, rate: int,
     assert any(note.startswith("times written to ") for note in read_recording(read).notes)
 
 
+@pytest.mark.parametrize("rate", [60, 80, 120, 240, 250])
+@pytest.mark.parametrize("lost", [slice(0), slice(80, 81), slice(80, 120)])
+def test_a_stale_rate_does_not_change_times_that_are_exact(rate: float, lost: slice) -> None:
+    """A rate of 120 Hz in the header of a file at 100 Hz: gaps were invented, a jerk of 82 became 55760."""
+    time = np.delete(np.arange(300) / 100, lost)
+    read, notes = even_times(time, rate)
+    np.testing.assert_allclose(read, time, atol=1e-9)
+    assert notes == (f"its header states {rate} Hz, its times have 100 Hz",)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_missing_rows_are_no_beat_of_a_clock(seed: int) -> None:
     rng = np.random.default_rng(seed)
