@@ -156,7 +156,7 @@ driver = Ros2Driver
 def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions and velocities (n,) of the named joints in a `sensor_msgs/JointState` message.
 
-    Missing velocities are zero. If a joint has no position, its position and velocity are NaN.
+    Missing and NaN velocities are zero. If a joint has no position, its position and velocity are NaN.
 
     Raises
     ------
@@ -165,11 +165,12 @@ def joints_of(message: bytes, names: Sequence[str]) -> tuple[NDArray[np.float64]
     """
     try:
         told, position, velocity = _parts(message)
+        velocity = np.where(np.isnan(velocity), 0.0, velocity) if velocity.size else np.zeros(position.size)
         found = np.full((2, len(names)), math.nan)
         for i, name in enumerate(names) if position.size else ():
             at = _place(name, told, position)
             if at is not None:
-                found[:, i] = position[at], velocity[at] if velocity.size else 0.0
+                found[:, i] = position[at], velocity[at]
     except (struct.error, ValueError, IndexError, UnicodeDecodeError) as wrong:
         raise DeviceLostError(f"a joint state that cannot be read ({wrong})") from wrong
     return found[0], found[1]

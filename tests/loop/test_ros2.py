@@ -107,6 +107,7 @@ def test_a_joint_that_never_comes_is_named_and_one_of_two_places_refused(monkeyp
     with pytest.raises(DeviceLostError, match="without a position of elbow"):
         driver.read()
     assert joints_of(joint_state(2, ["a", "a", "b"], [1.0, 1.0, 2.0]), ["b", "a"])[0].tolist() == [2.0, 1.0]
+    assert joints_of(joint_state(2, ["a", "b"], [1.0, 2.0], [np.nan, 3.0]), ["a", "b"])[1].tolist() == [0.0, 3.0]
     for told, at in ((["a", "a"], [1.0, 1.1]), (["a"], [1.0, 2.0]), ([], [1.0])):
         with pytest.raises(DeviceLostError, match="cannot be read"):
             joints_of(joint_state(3, told, at), ["a"])
