@@ -11,10 +11,10 @@ import numpy as np
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.link_capsules import Capsule
-from rehab_opt.kinematics.plausible import checked_length
+from rehab_opt.kinematics.plausible import check_place
 from rehab_opt.kinematics.room import Box, KeepOut
 
-__all__ = ["Clearance", "check_place", "checked_clearance"]
+__all__ = ["Clearance", "checked_clearance"]
 
 EXACT = 1e-9
 """Largest entry of R R' - I for which the matrix R counts as a rotation."""
@@ -102,19 +102,6 @@ def checked_clearance(argument: str, given: Clearance, chain: SerialChain) -> Cl
         if not (isinstance(pair, tuple) and len(pair) == 2 and set(pair) <= set(names)) or pair[0] == pair[1]:
             raise refuse(f"pairs[{i}]", pair, f"two of the links' capsules, {', '.join(names)}")
     return given
-
-
-def check_place(argument: str, body: KeepOut | Capsule | Box, chain: SerialChain) -> None:
-    """Raise `ConfigurationError` for a body whose distance or size is far beyond the robot's size."""
-    base = chain.base[:3, 3]
-    if isinstance(body, KeepOut):
-        lengths = [float(np.dot(body.normal, base)) - body.offset]
-    else:
-        ends = [body.centre] if isinstance(body, Box) else [body.start, body.end]
-        sizes = body.size if isinstance(body, Box) else [body.radius]
-        lengths = [*(float(np.linalg.norm(np.subtract(end, base))) for end in ends), *sizes]
-    for length in lengths:
-        checked_length(argument, length, chain)
 
 
 def _usable(body: KeepOut | Capsule | Box) -> bool:

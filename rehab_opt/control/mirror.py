@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.control.between_poses import moving_tool_function
-from rehab_opt.control.clearance import Clearance, check_place
+from rehab_opt.control.clearance import Clearance
 from rehab_opt.control.command import Command, Relaxed, Status
 from rehab_opt.control.hand_bounds import HandBounds, KeepOut
 from rehab_opt.control.interaction import Interaction
@@ -35,7 +35,7 @@ from rehab_opt.control.thread_owner import setting
 from rehab_opt.control.velocity_controller import checked_number
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain
-from rehab_opt.kinematics.plausible import check_speeds, checked_length
+from rehab_opt.kinematics.plausible import check_place, check_speeds, checked_length
 from rehab_opt.kinematics.room import MovingCapsule
 from rehab_opt.optim.fused import FUSED_SOLVERS
 from rehab_opt.symbolic import BufferedFunction, Compile

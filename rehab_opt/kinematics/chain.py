@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body
-from rehab_opt.kinematics.denavit_hartenberg import SIX_TURNS, TWO_TURNS, checked_rows
+from rehab_opt.kinematics.denavit_hartenberg import FASTEST, SIX_TURNS, TWO_TURNS, checked_rows
 from rehab_opt.kinematics.link import ChainRow, pose_after, pose_before, product
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule, checked_capsules
 from rehab_opt.kinematics.real_array import checked_array
@@ -25,7 +25,7 @@ from rehab_opt.kinematics.robot_file.links import MJCF, URDF, Given, chain_argum
 from rehab_opt.symbolic.matrices import determinant
 from rehab_opt.symbolic.shared import HasEvaluator, PerThread
 
-__all__ = ["SerialChain", "per_joint", "turning_speeds"]
+__all__ = ["SerialChain", "per_joint"]
 
 Array = NDArray[np.float64]
 Expression = TypeVar("Expression", bound=Callable[..., Any])
@@ -74,7 +74,8 @@ class SerialChain(HasEvaluator):
     rows : n Denavit-Hartenberg rows or `Link`s, base to tip.
     lower, upper : (n,) joint position limits [rad or m]; may be infinite; equal limits lock the joint. Finite limits of
         a revolute joint must be within two turns, since 170 would be degrees.
-    velocity : (n,) largest joint speeds [rad/s or m/s], finite and positive; a scalar applies to all joints.
+    velocity : (n,) largest joint speeds [rad/s or m/s], positive, at most `SIX_TURNS` or `FASTEST`; a scalar applies to
+        all joints.
     acceleration : (n,) largest joint accelerations [rad/s^2 or m/s^2], positive; infinite for no limit.
     names : (n,) joint names.
     base, tool : (4, 4) pose of row 1's frame in the base frame, and of the tool in the last row's frame.
@@ -122,6 +123,10 @@ class SerialChain(HasEvaluator):
         velocity = per_joint("velocity", self.velocity, n)
         if not np.all((velocity > 0) & (velocity < math.inf)):
             raise ConfigurationError("velocity", self.velocity, "positive finite numbers")
+        for name, row, speed in zip(names, rows, velocity.tolist(), strict=True):
+            most, unit = (FASTEST, "m/s") if row.prismatic else (SIX_TURNS, "rad/s")
+            if speed > most:
+                raise ConfigurationError(f"velocity of {name}", speed, f"at most {most:.3g}: is it in {unit}?")
         acceleration = per_joint("acceleration", self.acceleration, n)
         if not np.all(acceleration > 0):
             raise ConfigurationError("acceleration", self.acceleration, "positive numbers (infinite for no bound)")
@@ -379,14 +384,6 @@ def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
         math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)
     )
     return min(total, LONGEST)
-
-
-def turning_speeds(velocity: ArrayLike, n: int) -> Array:
-    """(n,) [rad/s] joint speed limits; raises `ConfigurationError` if they look like degrees per second."""
-    speeds = per_joint("velocity", velocity, n)
-    if np.any(speeds > SIX_TURNS):
-        raise ConfigurationError("velocity", velocity, f"at most {SIX_TURNS:.3g}: is it in rad/s?")
-    return speeds
 
 
 def per_joint(argument: str, value: ArrayLike, n: int, *, finite: bool = False) -> Array:

@@ -11,7 +11,7 @@ import casadi as ca
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.link import ChainRow, Link
 
-__all__ = ["DH", "SIX_TURNS", "TWO_TURNS", "checked_rows", "exact"]
+__all__ = ["DH", "FASTEST", "SIX_TURNS", "TWO_TURNS", "checked_rows", "exact"]
 
 TWO_TURNS = 4 * math.pi
 """[rad] Largest accepted joint angle, and largest usual joint motion in 1 s. A larger angle is in degrees, or a limit
@@ -20,6 +20,9 @@ that means "no limit"."""
 SIX_TURNS = 3 * TWO_TURNS
 """[rad/s] Largest accepted joint speed: human joints and arms within their makers' limits are slower. A larger speed is
 in degrees per second."""
+
+FASTEST = 10.0
+"""[m/s] Largest accepted speed of a joint that slides. A larger speed is in millimetres per second."""
 
 
 class DH(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
-from rehab_opt.kinematics.chain import SerialChain, turning_speeds
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.real_array import real_array
 
@@ -116,7 +116,7 @@ def human_arm(
         tuple(DH(a=mirror * a, alpha=alpha, d=mirror * d) for a, alpha, d in table),
         lower=lower,  # type: ignore[arg-type]
         upper=upper,  # type: ignore[arg-type]
-        velocity=turning_speeds(velocity, len(table)),
+        velocity=velocity,  # type: ignore[arg-type]
         acceleration=acceleration,  # type: ignore[arg-type]
         names=ARM_JOINTS,
         base=np.diag([1.0, mirror, mirror, 1.0]),

@@ -27,6 +27,7 @@ from rehab_opt.kinematics.chain import SerialChain, per_joint
 from rehab_opt.kinematics.drive import Differential, Drive, Fixed, Mecanum, Omnidirectional, checked_amounts
 from rehab_opt.kinematics.inertia import inertia_expression
 from rehab_opt.kinematics.link_capsules import Capsule
+from rehab_opt.kinematics.plausible import check_place, checked_length
 from rehab_opt.symbolic.shared import HasEvaluator
 
 __all__ = ["CHAIR", "Capsule", "MobileArm", "Outline"]
@@ -125,6 +126,12 @@ class MobileArm(HasEvaluator):
         _check_outline(self.outline)
         object.__setattr__(self, "keep_out", _checked_keep_out(self.keep_out))
         checked_amounts(arm_radius=self.arm_radius, limit_cost=self.limit_cost, singular_cost=self.singular_cost)
+        arm = np.arange(chain.n) >= CHAIR
+        standing = chain.with_limits(lower=np.where(arm, chain.lower, 0.0), upper=np.where(arm, chain.upper, 0.0))
+        for i, capsule in enumerate(self.keep_out):
+            check_place(f"keep_out[{i}]", capsule, standing)
+        checked_length("arm_radius", self.arm_radius, standing)
+        checked_length("outline", max(self.outline, key=abs), standing)
         rotors = per_joint("rotors", self.rotors, chain.n, finite=True)
         object.__setattr__(self, "rotors", rotors)
         volume = self.hand_volume

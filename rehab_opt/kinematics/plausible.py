@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.chain import SerialChain, per_joint
-from rehab_opt.kinematics.denavit_hartenberg import SIX_TURNS, TWO_TURNS
-from rehab_opt.kinematics.room import MOVING
+from rehab_opt.kinematics.denavit_hartenberg import FASTEST, SIX_TURNS, TWO_TURNS
+from rehab_opt.kinematics.link_capsules import Capsule
+from rehab_opt.kinematics.room import MOVING, SIGHT, Box, KeepOut
 
 __all__ = [
-    "ROOM", "check_speeds", "checked_length", "checked_posture", "farthest", "fastest", "implausible",
+    "ROOM", "check_place", "check_speeds", "checked_length", "checked_posture", "farthest", "fastest", "implausible",
 ]  # fmt: skip
 
 LINEAR = ("x", "y", "z")
@@ -28,13 +29,9 @@ ROOM = 20.0
 """[m] Largest accepted coordinate of a hand position if no robot is known."""
 FAR, NEAR = 10.0, 1.0
 """Largest accepted length: `FAR` times the robot's reach, but at least `NEAR` [m]."""
-FAST, WHIRL = 10.0, SIX_TURNS
-"""[m/s, rad/s] Largest accepted hand speeds, unless the robot's joints are faster."""
 BEYOND = 3.0
 """Ratio of a reference's speed to the fastest hand motion. Above this ratio the reference is invalid; up to it the
 reference is slowed down."""
-SIGHT = 100.0
-"""[m] Largest accepted coordinate of a moving capsule."""
 
 
 def farthest(chain: SerialChain) -> float:
@@ -47,7 +44,7 @@ def fastest(chain: SerialChain) -> tuple[float, float]:
     turning = np.array([not row.prismatic for row in chain.rows])
     beyond = [chain.reach_from(i) for i in range(chain.n)]
     linear = np.where(turning, beyond * chain.velocity, chain.velocity).sum()
-    return max(FAST, float(linear)), max(WHIRL, float(chain.velocity[turning].sum()))
+    return max(FASTEST, float(linear)), max(SIX_TURNS, float(chain.velocity[turning].sum()))
 
 
 def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.SX], rows: Sequence[str]) -> ca.SX:
@@ -80,6 +77,19 @@ def checked_length(argument: str, value: float, chain: SerialChain) -> float:
         expected = f"at most {farthest(chain):.3g} m, ten times the arm's reach: is it in metres?"
         raise ConfigurationError(argument, value, expected)
     return value
+
+
+def check_place(argument: str, body: KeepOut | Capsule | Box, chain: SerialChain) -> None:
+    """Raise `ConfigurationError` for a body whose distance or size is far beyond the robot's size."""
+    base = chain.base[:3, 3]
+    if isinstance(body, KeepOut):
+        lengths = [float(np.dot(body.normal, base)) - body.offset]
+    else:
+        ends = [body.centre] if isinstance(body, Box) else [body.start, body.end]
+        sizes = body.size if isinstance(body, Box) else [body.radius]
+        lengths = [*(float(np.linalg.norm(np.subtract(end, base))) for end in ends), *sizes]
+    for length in lengths:
+        checked_length(argument, length, chain)
 
 
 def check_speeds(chain: SerialChain, *, linear: float, angular: float = 0.0, argument: str = "linear_speed") -> None:

@@ -25,6 +25,8 @@ MOVING = 14
 Any other flag, also NaN, means that there is a capsule, and a negative radius counts as zero. So a bad number never
 removes an obstacle.
 """
+SIGHT = 100.0
+"""[m] Largest accepted coordinate of a moving capsule, and of a person's shoulder."""
 ENDS = (1, 4, 5, 8)
 """Frames of `human_arm` at shoulder, elbow, wrist and fingers."""
 ARM_RADII = (0.06, 0.05, 0.045)
@@ -148,6 +150,8 @@ def arm_capsules(
     if not isinstance(arm, SerialChain) or arm.names != ARM_JOINTS:
         raise ConfigurationError("arm", arm, "a human_arm")
     placed = rigid("placement", placement)
+    if np.abs(placed[:3, 3]).max() > SIGHT:
+        raise ConfigurationError("placement", placed[:3, 3], f"coordinates of at most {SIGHT:g} m: is it in metres?")
     if not all(0 <= radius <= 1 for radius in radii):
         raise ConfigurationError("radii", radii, "0 to 1 m: are they in metres?")
     posture, rates = per_joint("q", q, arm.n), per_joint("velocity", velocity, arm.n)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rehab_opt.kinematics.chain import SerialChain, turning_speeds
+from rehab_opt.kinematics.chain import SerialChain
 from rehab_opt.kinematics.denavit_hartenberg import DH
 from rehab_opt.kinematics.link_capsules import LinkCapsule
 
@@ -70,7 +70,7 @@ def ur5(
         _ROWS,
         lower=-_REACH if lower is None else lower,  # type: ignore[arg-type]
         upper=_REACH if upper is None else upper,  # type: ignore[arg-type]
-        velocity=turning_speeds(velocity, len(_ROWS)),
+        velocity=velocity,  # type: ignore[arg-type]
         acceleration=acceleration,  # type: ignore[arg-type]
         names=_NAMES,
         base=np.eye(4) if base is None else base,  # type: ignore[arg-type]

@@ -1,5 +1,7 @@
 """Millimetres for metres and degrees for radians are refused or asked about, by every controller and robot alike."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -23,11 +25,13 @@ from rehab_opt import (
     Workspace,
     ardis,
     arm_capsules,
+    arm_on_chair,
     human_arm,
     ur5,
 )
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.link_capsules import LinkCapsule
+from rehab_opt.kinematics.mobile_arm import Outline
 from tests.refusals import refuses
 
 METRES = "metres"
@@ -156,8 +160,39 @@ def test_shapes_of_links_and_joint_speeds_in_other_units_are_refused():
         ({"make": ardis, "a3": 100.0}, "rows, ", METRES),
         ({"make": ardis, "mount_height": 700.0}, "base", METRES),
         (person | {"radii": (60, 50, 45)}, "radii", METRES),
+        (person | {"placement": np.eye(4) + 500.0 * np.eye(4, k=3)}, "placement", METRES),
     )
-    refuses(lambda make: make(velocity=172.0), ((ur5,), "velocity", "rad/s"), ((human_arm,), "velocity", "rad/s"))
+
+
+def test_joint_speeds_in_other_units_are_refused_wherever_a_chain_gets_them():
+    makers = (
+        ur5,
+        human_arm,
+        ur5().with_limits,
+        partial(arm_of_size, 0.3),
+        *(partial(made, each, ur5()) for each in TRACKERS),
+    )
+    refuses(lambda make: make(velocity=172.0), *(((make,), "velocity of ", "= 172", "rad/s") for make in makers))
+    refuses(
+        ardis,
+        ({"velocity": (800.0, 800.0, 1, 1, 1, 1, 1)}, "velocity of forward", "m/s"),
+        ({"velocity": (0.8, 0.8, 1, 57, 1, 1, 1)}, "velocity of shoulder_flexion", "rad/s"),
+    )
+    ur5(velocity=30.0)
+
+
+def test_shapes_of_a_chair_and_its_user_in_millimetres_are_refused():
+    trunk = ((-0.15, 0.0, 0.55), (-0.15, 0.0, 1.25), 0.18)
+    wide = ((-150.0, 0.0, 550.0), (-150.0, 0.0, 1250.0), 0.18)
+    for make in (ardis, partial(arm_on_chair, ur5(), mount=np.eye(4))):
+        refuses(
+            lambda make=make, **more: make(**more),
+            ({"keep_out": [Capsule("trunk", *trunk), Capsule("trunk", *wide)]}, "keep_out[1]", METRES),
+            ({"keep_out": [Capsule("trunk", *trunk[:2], 180.0)]}, "keep_out[0]", METRES),
+            ({"outline": Outline(-450.0, 550.0, -330.0, 330.0)}, "outline", METRES),
+        )
+        make(keep_out=[Capsule("trunk", *trunk), Capsule("tray", (1.5, 0.0, 0.0), (1.5, 0.0, 2.0), 0.5)])
+    refuses(lambda r: arm_on_chair(ur5(), mount=np.eye(4), arm_radius=r), ((50.0,), "arm_radius", METRES))
 
 
 def test_the_mirror_refuses_an_interaction_in_millimetres():

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rehab_opt.errors import ConfigurationError
 from rehab_opt.kinematics.body import Body, of_a_body
-from rehab_opt.kinematics.denavit_hartenberg import TWO_TURNS
+from rehab_opt.kinematics.denavit_hartenberg import FASTEST, SIX_TURNS, TWO_TURNS
 from rehab_opt.kinematics.link import Link
 from rehab_opt.kinematics.link_capsules import CapsuleOnLink, LinkCapsule
 from rehab_opt.kinematics.real_array import real_array
@@ -238,6 +238,8 @@ def _limits(
             if k < 2 and not joint.prismatic and TWO_TURNS < abs(value) < math.inf:
                 none_given = f"{arguments[k]}={{{joint.name!r}: {math.copysign(math.inf, k - 0.5)}}}"
                 raise refused(k, f"radians within two turns, as a joint that has ends; if it has none: {none_given}")
+        if speed > (highest := FASTEST if joint.prismatic else SIX_TURNS):
+            raise refused(2, f"at most {highest:.3g}: is it in {unit}/s?")
         if not low <= high or low == math.inf or high == -math.inf:
             k = 0 if of_file[1] else 1  # the limit that the caller gave
             other = f"{keys[1 - k]} of {source.name}" if of_file[1 - k] else arguments[1 - k]
@@ -247,7 +249,7 @@ def _limits(
             notes.append(f"joint {joint.name}, {keys[0]} = {keys[1]} = {low:.6g}: it does not move")
         if speed > (FAST if joint.prismatic else TWO_TURNS):
             key = keys[2] if of_file[2] else "velocity"
-            most = f"{FAST:g} m/s" if joint.prismatic else "two turns a second"
+            most = f"{FAST:g} m/s" if joint.prismatic else "two turns a second (in degrees?)"
             notes.append(f"joint {joint.name}, {key} = {speed:.6g} {unit}/s: more than {most}")
         if joint.prismatic and max(abs(low), abs(high)) < math.inf and high - low > LONG:
             notes.append(f"joint {joint.name} slides by {high - low:.6g} m: more than {LONG:g} (in millimetres?)")

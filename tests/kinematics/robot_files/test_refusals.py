@@ -65,7 +65,8 @@ OPTIONS: tuple[dict[str, object], ...] = (
     {"lower": {"joint_a": 5.0}}, {"lower": 1.0, "upper": 0.5}, {"locked": {"joint_c": 1.0}},
     {"locked": {"joint_a": np.nan}}, {"locked": {"joint_a": 2.5}}, {"acceleration": [1.0, 2.0, 3.0]},
     {"acceleration": "fast"}, {"velocity": -1.0}, {"acceleration": np.inf, "upper": {"joint_a": np.inf}},
-    {"acceleration": {"joint_a": 1.0, "joint_b": 300.0}, "velocity": {"joint_a": 180.0}},
+    {"acceleration": {"joint_a": 1.0, "joint_b": 300.0}, "velocity": {"joint_a": 30.0}},
+    {"acceleration": 1.0, "velocity": {"joint_a": 180.0}}, {"acceleration": 1.0, "velocity": {"joint_a": 8.0}},
     {"acceleration": {"joint_a": 0.01, "joint_b": 0.05}, "upper": {"joint_a": 350.0}}, {"locked": {"joint_a": 90.0}},
 )  # fmt: skip
 TURNS = 'quat_xyzw="0 0.6 0 0.9"', 'quat_xyzw="0 0 1"', 'rpy="0 0 0" quat_xyzw="0 0 0 1"', 'quat_xyzw="0 0.6 0 0.8"'
