@@ -18,6 +18,8 @@ __all__ = ["MeasuredPath", "measured_path"]
 
 Array = NDArray[np.float64]
 
+TIE = 1e-2
+"""Two samples whose times are closer than this fraction of the mean step have one time; the second is kept."""
 HELD, OFTEN, SHORT = 0.2, 3, 10
 """If a sample repeats for longer than `HELD` [s], or for more than `OFTEN` rows above the usual number, the hand
 pauses. The usual number of rows is percentile `SHORT`, because samples of a slow hand with coarse rounding repeat,
@@ -69,10 +71,13 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
 
     The first and last points, and pauses of more than 0.2 s, are kept.
     """
+    tied = np.append(np.diff(times) < TIE * (times[-1] - times[0]) / (len(times) - 1), False)
+    said = (f"{tied.sum()} of {len(times)} samples have the time of the next: left out",) if tied.any() else ()
+    times, points = times[~tied], points[~tied]
     begins = np.append(0, 1 + np.flatnonzero((np.diff(points, axis=0) != 0).any(axis=1)))
     if len(begins) < FEWEST_DISTINCT:
-        return MeasuredPath(times, points, ())
-    lengths, notes = np.diff(begins, append=len(times)), list[str]()
+        return MeasuredPath(times, points, said)
+    lengths, notes = np.diff(begins, append=len(times)), [*said]
     usual = int(np.percentile(lengths, SHORT, method="lower"))
     # The tracker gives a new sample every `usual` rows, also while the hand stands or is slower than its rounding.
     since = np.arange(len(times)) - np.repeat(begins, lengths)

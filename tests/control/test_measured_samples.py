@@ -128,3 +128,16 @@ def test_a_pause_stays_and_a_path_that_nothing_is_wrong_with_is_itself():
     waypoints = np.array([[0.0, 0.0], [0.3, 0.1], [0.3, 0.1], [0.1, 0.4]])
     found, _ = passage(np.arange(4.0), waypoints)
     assert np.sum(np.abs(found.positions - waypoints[1]).max(axis=1) < 1e-3) * 1e-3 > 0.9
+
+
+@pytest.mark.parametrize("apart", [1e-9, 1e-6, 1e-5])
+@pytest.mark.parametrize("clock", [0.016, 0.02])
+def test_times_of_a_coarse_clock_that_hardly_differ_are_one_time(apart, clock):
+    """A raw LinAlgError was raised, or the path took hours."""
+    time = np.arange(3 * RATE) / RATE
+    ticks = np.arange(0, time[-1] + 1e-9, clock)
+    _, seconds = passage(ticks, hand(ticks, 2))
+    stamps = np.floor(time / clock + 1e-9) * clock + apart * np.arange(len(time))
+    found, other = passage(stamps, hand(time, 2))
+    assert other == pytest.approx(seconds, rel=0.02)
+    np.testing.assert_allclose(found.positions[-1], hand(time, 2)[-1], atol=1e-9)
