@@ -169,7 +169,6 @@ class GoniometerRange(RangeOfMotion):
 
 
 def _form_of_range(value: object) -> str:
-    """Which form of `OneRange` a value has."""
     if isinstance(value, GoniometerRange) or (isinstance(value, dict) and "convention" in value):
         return GONIOMETER
     return TABLE if isinstance(value, dict | RangeOfMotion) else NAME

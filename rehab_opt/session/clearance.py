@@ -165,14 +165,14 @@ class NearestBodies:
 
     @property
     def start_notes(self) -> tuple[str, ...]:
-        """A note if the first posture is inside the margin of a pair: how far, and of which pair; otherwise empty."""
+        """A note if the first posture is inside the margin of a pair of bodies; otherwise empty."""
         pair = int(np.argmin(self.distances[0]))
         within, names = -MM * float(self.distances[0, pair]), " and ".join(self.names[pair])
         return (f"the robot starts {within:.3g} mm within the margin: {names}",) if within > 0 else ()
 
     @property
     def note(self) -> str:
-        """One sentence about the closest approach of the run; it follows the notes about the start."""
+        """One sentence: the notes about the start, then the closest approach during the run."""
         of = self.metrics
         least, names = MM * of["min_beyond_margin_m"], " and ".join(of["of"])
         how = f"{-least:.3g} mm within" if least < 0 else f"no nearer than {least:.3g} mm beyond"
@@ -254,7 +254,7 @@ def clearance_of(section: ClearanceSection | None, file: str, *, moving: bool = 
 
 
 def clearance_key(argument: str) -> str | None:
-    """Key of the problem file for an `argument` of the controller; None if it has nothing to do with the clearance."""
+    """Key of the problem file for an `argument` of the controller; None for an argument outside the clearance."""
     first, _, rest = argument.partition("limits[0]")
     if not first and rest:
         return "clearance" + rest.replace("[", ".").replace("]", "")
@@ -274,7 +274,7 @@ def nearest_bodies(
 
 
 def start_notes(section: ClearanceSection | None, file: str, chain: SerialChain, q: Array) -> tuple[str, ...]:
-    """`NearestBodies.start_notes` for a posture (n,)."""
+    """A note if a posture (n,) is inside the margin of a pair of bodies; otherwise empty."""
     near = nearest_bodies(section, file, chain, q[None], np.zeros(1))
     return () if near is None else near.start_notes
 

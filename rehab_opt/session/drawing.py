@@ -190,7 +190,7 @@ def _scale(row: Iterable[Axes], panel: Panel) -> None:
 
 
 def labelled_gaps(gaps: Gaps) -> Iterator[tuple[tuple[float, float], str]]:
-    """Each gap (from, to) [s] of a recording, with its label; only the first label is shown, for all gaps."""
+    """Gaps (from, to) [s], each with its label; one label stands in the legend for all gaps."""
     label = f"no samples: {sum(b - a for a, b in gaps):.2g} s, bridged"
     yield from ((gap, "_" if number else label) for number, gap in enumerate(gaps))
 
@@ -264,7 +264,6 @@ def joint_figure(chain: SerialChain, joints: Sequence[tuple[Array, Array, Mappin
 
 
 def _range(chain: SerialChain, joint: int) -> str:
-    """A joint's limits in words."""
     low, high = (round(math.degrees(limit), 1) + 0.0 for limit in (chain.lower[joint], chain.upper[joint]))
     if chain.locked[joint]:
         return f"locked at {low:g} deg"
@@ -303,7 +302,7 @@ def servo_figure(
     what: str = "Speeds of the joints",
     unit: str = "m/s",
 ) -> Figure:
-    """Two panels for each joint: the whole run, and half a second around its largest acceleration.
+    """Two panels for each joint: the whole run, and half a second around the run's largest acceleration.
 
     Parameters
     ----------
@@ -419,7 +418,6 @@ def _shorten(figure: Figure, legend: Legend, room: float) -> None:
 
 
 def _titles(axes: Axes) -> list[Text]:
-    """The text objects that are headings of a panel."""
     from matplotlib.text import Text  # noqa: PLC0415
 
     said = {axes.get_title(loc) for loc in ("left", "center", "right")} - {""}

@@ -1,4 +1,4 @@
-"""Input files of a result, and their digest; if the digest is unchanged, no second run is needed."""
+"""Input files of a problem, and their digest; while the digest stays the same, an earlier result is still valid."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _source_outside(kind: type) -> bytes:
 
 @cache
 def software_digest() -> str:
-    """Digest of the source code, not of the version: a checkout changes without a new version."""
+    """Digest of this library's source code, which can change while the version number stays the same."""
     digest = hashlib.sha256()
     with importlib.resources.as_file(importlib.resources.files("rehab_opt")) as package:
         for path in sorted(package.rglob("*.py")):

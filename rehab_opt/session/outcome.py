@@ -1,6 +1,4 @@
-"""Results of a run: columns, notes, and numbers in strict JSON with the unit in each key. It writes no files and draws
-no plots.
-"""
+"""Results of a run: columns, notes, and numbers in strict JSON with the unit in each key; no files, no plots."""
 
 from __future__ import annotations
 
@@ -80,7 +78,7 @@ MEASURED = re.compile(r" by \S+ m(?=:)|(?<=failed:) \S+ over(?= the bounds)")
 
 
 def path_fractions(path: Array, met: NDArray[np.bool_]) -> tuple[float, float]:
-    """Two results, for the samples at which `met` (N,) is true: their fraction of the path's length, and of its time.
+    """Fractions of the path's length and of its time that belong to the samples for which `met` (N,) is true.
 
     Half of each step's length counts for the sample at either end; samples at rest have no length.
     """
@@ -100,7 +98,7 @@ def error_metrics(error: Array, name: str, unit: str) -> dict[str, float]:
 
 
 def turn_angles(rotations: Array, references: Array) -> Array:
-    """(N,) [rad] rotation angle between two orientations (N, 3, 3), exact for small angles too."""
+    """Rotation angles (N,) [rad] between orientations (N, 3, 3) and their references, exact for small angles too."""
     # |R - S| = 2 sqrt(2) sin(angle / 2), Frobenius norm
     chord = np.linalg.norm(rotations - references, axis=(1, 2)) / (2 * math.sqrt(2))
     return np.asarray(2 * np.arcsin(np.minimum(chord, 1.0)))
@@ -143,7 +141,7 @@ def status_counts(statuses: Iterable[str]) -> dict[str, int]:
 
 
 def reason_counts(reasons: Iterable[str]) -> dict[str, int]:
-    """How often each reason (without its measured part) occurs, the most frequent first; empty ones do not count."""
+    """Number of occurrences of each reason without its measured numbers, the most frequent first; no empty reasons."""
     return status_counts(MEASURED.sub("", reason) for reason in reasons if reason)
 
 

@@ -110,7 +110,7 @@ def placed_path(
 
 
 def projected(points: Array, forces: Array | None = None) -> list[str]:
-    """Note if points (N, 2 or 3) [m], or the forces on them [N], have a third coordinate, which is dropped."""
+    """A note if points (N, 2 or 3) [m] or forces [N] have a third coordinate, which the projection drops."""
     said = [f"{1e3 * float(np.ptp(points[:, 2])):.0f} mm of height"] if points.shape[1] == 3 else []
     if forces is not None and forces.shape[1] == 3:
         said.append(f"up to {float(np.abs(forces[:, 2]).max()):.3g} N along it")

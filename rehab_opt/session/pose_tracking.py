@@ -162,9 +162,9 @@ def tracker_of(
 def circle_reference(start: Array, circle: CircleSection, times: Array) -> tuple[Array, Array]:
     """Poses (N, 4, 4) and twists (N, 6) at `times` (N,) [s] of a circle through the pose `start` (4, 4).
 
-    The phase a runs from 0 to 2 pi turns as a minimum-jerk polynomial of time, from rest to rest. The centre is at the
-    distance `radius_m` from the start, in the direction of the component of `towards` perpendicular to `normal`. The
-    tool rotates about its own z axis by swing (1 - cos a) / 2, so each turn ends with the starting orientation.
+    The phase a rises from 0 to 2 pi `turns` as a minimum-jerk polynomial of time, from rest to rest. The centre is
+    `radius_m` away from the start, in the direction of the component of `towards` perpendicular to `normal`. The tool
+    rotates about its own z axis by swing (1 - cos a) / 2, so each turn ends with the starting orientation.
     """
     normal, towards = (np.array(each) / np.linalg.norm(each) for each in (circle.normal, circle.towards))
     towards = towards - (normal @ towards) * normal
@@ -189,7 +189,7 @@ a path's first point [m/s] and its time step [s]."""
 def path_reference(config: Config, path: PathSection, start: Array) -> tuple[Array, Array, tuple[str, ...], Gaps]:
     """Four results: poses (N, 4, 4) and twists (N, 6) along the points of a file, notes, and gaps (from, to) [s].
 
-    All poses have the orientation of the starting pose `start` (4, 4). Gaps are on the clock of the poses.
+    All poses have the orientation of the pose `start` (4, 4). The times of the gaps count from the first pose.
 
     Raises
     ------
@@ -347,7 +347,7 @@ class PoseTrackingScene(Scene):
         }
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Notes on the plant, on the files, on how long and why the tool is off its path, and on the nearest bodies."""
+        """Notes on the plant, the files, the times and causes of deviations from the path, and the nearest bodies."""
         yield plant_note(self.problem.plant, "the robot is simulated: its joints move exactly as commanded")
         yield from (*self.said, *self.chain.notes)
         behind = ~((trace["position_error_m"] <= BEHIND) & (trace["orientation_error_rad"] <= TURNED))

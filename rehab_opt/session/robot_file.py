@@ -312,7 +312,7 @@ def _ends(capsule: CapsuleSection) -> tuple[tuple[float, float, float], tuple[fl
 
 
 def _advice(expected: str) -> str:
-    """What an error of the URDF or MJCF reader expects, with advice on arguments reworded for a robot file."""
+    """Text of a URDF or MJCF reader's error, with keys of the robot file in place of arguments."""
     return GIVE.sub(lambda found: f"[joints.{found['joint']}] {JOINT_KEYS[found['argument']][0]} = ...", expected)
 
 

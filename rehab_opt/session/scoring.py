@@ -72,10 +72,9 @@ class Described(NamedTuple):
 
 
 class Scored(NamedTuple):
-    """Scores and notes; each trial has a source, its number there, samples and a score.
+    """Scores and notes; each trial has a source, its number in the source, samples and a score.
 
-    `refused` gives the reason for each recording or trial that cannot be read or measured; the others are still
-    measured.
+    `refused` has the reason for each recording or trial that cannot be read or measured.
     """
 
     rows: tuple[ScoreRow, ...]

@@ -145,7 +145,7 @@ class System(Generic[P, S]):
         return ()
 
     def arms(self, config: ProblemFile[P]) -> dict[str, SerialChain]:
-        """The arms whose range of motion it defines, by the names of the ranges; by default none.
+        """The arms whose range of motion the problem defines, by the names of the ranges; by default none.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class System(Generic[P, S]):
         raise NotImplementedError
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """The metrics of a run, from the numbers of each scene; `outcome` has only scenes and traces so far."""
+        """The metrics of a run, from the numbers of each scene; `outcome` has only scenes and traces at this time."""
         (of,) = numbers.values()
         return of
 

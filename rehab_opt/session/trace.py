@@ -12,8 +12,7 @@ XYZ = ("x_m", "y_m", "z_m")
 
 
 class Trace(dict[str, NDArray[Any]]):
-    """Columns by name: (N,) and (N, k) are written to trace.csv; larger ones, and names that begin with _, are only
-    kept in memory.
+    """Columns by name; trace.csv gets the arrays (N,) and (N, k) whose names do not begin with _.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ def arm_points(robot: MobileArm, q: Array) -> Array:
 
 
 def arm_gaps(robot: MobileArm, q: Array) -> Array:
-    """(N, k l) [m] distances between the arm's l links and the k keep-outs, negative inside a keep-out."""
+    """Distances (N, k l) [m] between each of the arm's l links and each of the k keep-outs; negative inside one."""
     still = q.copy()
     still[:, :CHAIR] = 0.0  # in the chassis frame, in which the keep-outs are defined
     places = _places(robot, still, [end for link in robot.links for end in (link.begin, link.end)])
@@ -75,7 +75,7 @@ def arm_gaps(robot: MobileArm, q: Array) -> Array:
 
 
 def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
-    """Positions (N, 3) [m] of each of the link ends at joint positions q (N, n), from the chain's transforms."""
+    """Positions (N, 3) [m] at joint positions q (N, n): one array for each link end."""
     chain = robot.chain
     frames = [np.broadcast_to(chain.base, (len(q), 4, 4))]
     for row, value in zip(chain.rows, q.T, strict=True):
@@ -91,7 +91,7 @@ def _places(robot: MobileArm, q: Array, ends: Sequence[LinkEnd]) -> list[Array]:
 
 
 def _between_segments(begin: Array, end: Array, capsule: Capsule) -> Array:
-    """(N,) [m] distance between each segment, from `begin` to `end`, and a capsule's axis."""
+    """Distances (N,) [m] between N segments and a capsule's axis."""
     start, stop = (np.broadcast_to(np.asarray(each), begin.shape) for each in (capsule.start, capsule.end))
     least = np.minimum.reduce(
         [

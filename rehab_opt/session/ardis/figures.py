@@ -45,7 +45,7 @@ ABOVE = 0.03
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
-    """The figures by file name; the name of a scene or trace is (drive, controller)."""
+    """Figures by file name; the outcome's scenes and traces are named (drive, controller)."""
     scenes, traces = outcome.scenes, outcome.traces
     scene, drives = next(iter(scenes.values())), list(dict.fromkeys(drive for drive, _ in traces))
     ours = {drive: traces[drive, "optimised"] for drive in drives}
@@ -80,7 +80,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
 
 
 def _hand_panels(ours: Iterable[Trace], dt: float) -> tuple[Panel, Panel]:
-    """Panels of the hand's height and the chair's path, scaled for our controller; a note names higher peaks."""
+    """Panels of the hand's height and the chair's path; the scale fits our controller."""
 
     def way(trace: Trace) -> Array:
         return np.asarray(np.cumsum(np.hypot(trace["_world"][:, 0], trace["_world"][:, 1])) * dt)
@@ -153,7 +153,6 @@ def _top_view(
 
 
 def _draw_room(axes: Axes, room: Sequence[Obstacle], goals: Sequence[GoalSection]) -> None:
-    """Walls, posts and goals."""
     from matplotlib.patches import Circle, Polygon  # noqa: PLC0415
 
     for obstacle in room:

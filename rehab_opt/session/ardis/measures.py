@@ -1,7 +1,7 @@
 """Metrics of a trace, computed from its commands: contributions of chair and arm, kinetic energy, and limits.
 
-The trace has these columns: positions `joint` (N, n); commanded velocities `command` (N, n), the chair's in its own
-frame; the same velocities `_world` (N, n), in the world frame; `pose` (N, 4, 4) and `jacobian` (N, 6, n) of the hand.
+The trace has the joint positions `joint` (N, n), the hand's `pose` (N, 4, 4) and `jacobian` (N, 6, n), and commanded
+velocities `_world` (N, n) in the world frame and `command` (N, n), where the chair's velocity is in the chair frame.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def motion_metrics(
     room: Sequence[Obstacle],
     goals: Sequence[GoalSection],
 ) -> dict[str, Any]:
-    """All metrics of one controller with one drive, at ticks of dt [s]."""
+    """All metrics of one controller with one drive; a tick lasts `dt` [s]."""
     over = excesses(robot, drive, trace, dt, room)
     broken = {name: values > KEPT for name, values in over.items()}
     met, moved = goals_met(trace, goals), trace["_asked"]
@@ -87,9 +87,9 @@ def motion_metrics(
 
 
 def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: Sequence[Obstacle]) -> dict[str, Array]:
-    """By kind of limit, the excess (N,) over the limit in each tick of `dt` [s], negative within it.
+    """Excess (N,) over each kind of limit, for every tick of `dt` [s]; negative while the limit is satisfied.
 
-    An acceleration is the change of a velocity since the previous tick; the chair's velocity is in its own frame.
+    Accelerations are differences between successive velocities; the chair's velocity is in the chair frame.
     """
     chain, wheels, own = robot.chain, robot.drive(drive), trace["command"]
     ahead = trace["joint"] + trace["_world"] * dt
@@ -110,9 +110,8 @@ def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: 
 def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[str, float | None]:
     """Fractions of the hand's path and of its rotation that arm and chair contribute; the two add up to one.
 
-    The hand's velocity is the sum of one velocity from the chair and one from the arm. The component of either along
-    the hand's motion, integrated over time and divided by the hand's path, is its fraction. A fraction is negative
-    if its velocity opposes the hand's, and above one if the other velocity does.
+    The velocity that the arm or the chair gives the hand is projected onto the hand's direction of motion, integrated
+    over time, and divided by the hand's path. A fraction is negative for motion against the hand's direction.
     """
     jacobians, velocity = trace["jacobian"][when], trace["_world"][when]
     chair = np.einsum("nij,nj->ni", jacobians[:, :, :CHAIR], velocity[:, :CHAIR])
@@ -133,10 +132,9 @@ def hand_fractions(trace: Trace, dt: float, when: slice = slice(None)) -> dict[s
 
 
 def kinetic_energies(robot: MobileArm, drive: DriveName, trace: Trace) -> tuple[Array, Array]:
-    """Two arrays (N,) [J]: the robot's kinetic energy, and the energy with which the chair alone would move the hand.
+    """Two arrays (N,) [J]: the robot's kinetic energy, and the least energy for moving the hand with the chair alone.
 
-    For the second, the arm is locked, and the chair's joints of this drive give the hand its horizontal velocity with
-    the least energy; NaN for a drive without such joints.
+    For the second, the arm is locked and only the hand's horizontal velocity counts; NaN without chair joints.
     """
     moving = list(robot.drive(drive).moving)
     energy, alone = np.empty(len(trace["joint"])), np.full(len(trace["joint"]), np.nan)

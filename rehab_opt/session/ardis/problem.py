@@ -128,7 +128,7 @@ class GoalSection(Section):
     """Required state of the gripper, if any."""
 
     def met(self, hand: ArrayLike, closed: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the hand is at the goal, for positions `hand` (..., 3) [m] and gripper states `closed` (...)."""
+        """Whether the goal is reached, for hand positions (..., 3) [m] and gripper states `closed` (...)."""
         near = np.linalg.norm(np.asarray(hand) - self.hand_m, axis=-1) <= self.within_m
         as_asked = self.gripper is None or np.asarray(closed) == (self.gripper == "closed")
         return np.asarray(near & as_asked)

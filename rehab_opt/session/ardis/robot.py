@@ -36,7 +36,7 @@ KEYS = keys_of(robot=RobotSection, stick=StickSection, run=RunSection) | {
 
 
 def robot_of(config: ProblemFile[ArdisProblem]) -> MobileArm:
-    """The robot with the masses of the problem file: ARDIS, or its chair with the arm of a robot file."""
+    """ARDIS, or ARDIS's chair with the arm of a robot file, with the masses of the problem file."""
     section = config.problem.robot
     if section.file is not None:
         arm = arm_of(config, section.file)
@@ -104,7 +104,7 @@ def resolver_of(
     solver: str | None = None,
     backup: str | None = None,
 ) -> RedundancyResolver:
-    """The controller with the file's obstacles, for the modes of its stick; `backup` as for `RedundancyResolver`."""
+    """Controller for the modes of the file's stick, with the file's obstacles; `backup` as in `RedundancyResolver`."""
     run = config.problem.run
     chosen = run.arguments("self_motion", "solver") | ({"solver": solver} if solver else {})
     with refused_as(config.file, _key, option=solver):

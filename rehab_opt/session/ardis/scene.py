@@ -41,7 +41,7 @@ WALL, ALONG, POST = 0.8, 4.0, 1.2
 
 
 class ArdisScene(Scene):
-    """A `RedundancyResolver`, or the published controller, with the file's chair, stick and plant, for one drive."""
+    """Scene of a drive: a `RedundancyResolver` or the published controller, with the file's chair, stick and plant."""
 
     controls = frozenset({"stick", "push", "faults"})
     noise = "mrad or mm"
@@ -83,7 +83,7 @@ class ArdisScene(Scene):
         }
 
     def control(self, plant: Plant | None = None) -> Steering:
-        """The joystick and the controller with the file's plant, unless another plant is given."""
+        """Closed loop of stick, controller and `plant`, by default the file's plant."""
         table, robot, own = self.problem.plant, self.robot, self.problem.robot.file is not None
         wheels, ideal = robot.drive(self.drive), table.kind == "ideal"
         if plant is None:
@@ -96,11 +96,11 @@ class ArdisScene(Scene):
         return Steering(robot, law, joystick, stick, plant=plant, start=self.start, wheels=not ideal)
 
     def inputs(self, k: int, control: Steering) -> LiveInputs | None:
-        """The stick's inputs; a second after the last release of the stick, None ends the run."""
+        """Inputs of the stick; None ends the run one second after the last release of the stick."""
         return None if control.ticks_let_go >= math.ceil(STANDSTILL / self.dt) else super().inputs(k, control)
 
     def also(self, control: Steering, command: Command) -> dict[str, Any]:
-        """Columns of the stick and the wheels."""
+        """Trace columns of the stick and the wheels."""
         commanded = control.commanded
         return {
             "stick": control.axes,
@@ -113,7 +113,7 @@ class ArdisScene(Scene):
         }
 
     def derived(self, trace: Trace) -> None:
-        """Add columns of the hand; express the chair's commands in its own frame, where its limits are defined."""
+        """Add the hand's columns; convert the chair's commands to the chair frame, in which the limits are defined."""
         q, world, chain = trace["joint"], trace["command"], self.chain
         trace |= {
             "_world": world,
@@ -131,18 +131,18 @@ class ArdisScene(Scene):
         trace.parts |= {"stick": ("forward", "left"), "wheel": wheels}
 
     def near(self, trace: Trace) -> NearestBodies | None:
-        """Distances between bodies; None without `[clearance]`."""
+        """Distances of the robot from the bodies of `[clearance]`; None without this table."""
         robot, section = self.robot.bodied_chain, self.problem.clearance
         return nearest_bodies(section, self._config.file, robot, trace["joint"], trace["t_s"])
 
     def numbers(self, trace: Trace) -> dict[str, Any]:
-        """Metrics of goals, chair and arm, kinetic energy and limits; for our controller also the closest bodies."""
+        """Metrics of goals, chair and arm, kinetic energy and limits; for our controller also distances to bodies."""
         numbers = motion_metrics(self.robot, self.drive, trace, self.dt, room=self.room, goals=self.problem.goals)
         near = self.near(trace) if self.law == "optimised" else None
         return numbers if near is None else numbers | {"clearance": near.metrics}
 
     def notes(self, trace: Trace) -> Iterator[str]:
-        """Notes on our controller: when it moved nothing and why, the user, the plant, and the closest bodies."""
+        """Notes on when and why our controller did not move the robot, on the user, the plant, and closest bodies."""
         if self.law == "published":
             return
         yield from _stick_notes(self.drive, trace["stick_ignored"].tolist(), self.dt, IGNORED)
@@ -160,7 +160,7 @@ class ArdisScene(Scene):
         yield from () if near is None else (f"{self.drive} drive: {near.note}",)
 
     def frame(self, shown: Mapping[str, Array]) -> dict[str, Any]:
-        """Data of a picture: chair, user, arm; on the participant's screen, the first goal that is not reached."""
+        """Data of the page's frame: chair, user and arm, and the next goal for the participant's screen."""
         q, robot, goals, frame = shown["q"], self.robot, self.problem.goals, super().frame(shown)
         corners = np.hstack([chair_corners(robot.outline, q[None])[0], np.full((4, 1), 0.04)]).tolist()
         turn = np.array([[math.cos(q[2]), -math.sin(q[2])], [math.sin(q[2]), math.cos(q[2])]])
@@ -197,7 +197,7 @@ SENT = "speeds and accelerations are those of the commands"
 
 
 def _stick_notes(drive: DriveName, reasons: Sequence[str], dt: float, said: str) -> Iterator[NotMet]:
-    """A note for each of the `reasons`: for how long it held, with ticks of `dt` [s], and its effect `said`."""
+    """One note for each reason: the effect `said`, its duration, and the reason."""
     for reason, ticks in reason_counts(reasons).items():
         yield NotMet(f"{drive} drive: for {ticks * dt:.1f} s {said}: {reason}")
 
@@ -243,7 +243,7 @@ class ArdisSystem(SceneSystem[ArdisProblem, ArdisScene]):
         return ArdisScene(config, options.get("solver"), config.problem.stick.drives[0])
 
     def nested(self, numbers: Mapping[Names, dict[str, Any]], outcome: Outcome) -> dict[str, Any]:
-        """Metrics by drive and controller; the closest bodies by drive, for our controller only."""
+        """Metrics by drive and controller; distances to bodies by drive, for our controller only."""
         drives: dict[str, dict[str, Any]] = {}
         for (drive, law), of in numbers.items():
             drives.setdefault(drive, {})[law] = {key: value for key, value in of.items() if key != "clearance"}

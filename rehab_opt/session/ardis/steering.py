@@ -99,6 +99,6 @@ class Steering(LiveControl):
         return np.concatenate([command.wheels, command.value[CHAIR:]])
 
     def shown(self) -> dict[str, ArrayLike]:
-        """Pose of the robot, push, and gripper."""
+        """Numbers for the page: joint positions, force on the hand, and state of the gripper."""
         truth = self.plant.truth
         return {"q": truth.position, "force": truth.force, "closed": self.commanded.gripper_closed}

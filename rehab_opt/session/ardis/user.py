@@ -82,7 +82,6 @@ class SimulatedUser:
         return LET_GO
 
     def _press(self, button: str, time: float) -> LiveInputs:
-        """Release the stick and press a button."""
         self._button, self._pressed_until, self._busy_until = button, time + PRESS, time + PRESS + PAUSE
         return LET_GO._replace(switch=button == "switch", gripper=button == "gripper")
 

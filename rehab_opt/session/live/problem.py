@@ -172,7 +172,7 @@ class DeviceAddress(NamedTuple):
 class LiveProblem(ABC):
     """A problem that can run in real time.
 
-    The controller's process calls `control`, and the page's process draws; so the object has no state of a run.
+    The controller's process calls `control`, and the page's process draws; so the object stores no state of a run.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ def checked_name(name: str, *, file: object, key: str) -> str:
 
 
 def unnamed(place: str, name: str, *, file: str, path: Path, error: ProblemFileError) -> Participant:
-    """A person with an invalid name; the position in the input is put in front of the name."""
+    """A person with an invalid name, which is prefixed with the `place` in the input."""
     said = "".join("_" if letter in FORBIDDEN or not letter.isprintable() else letter for letter in shown(name))
     return Participant(f"{place}: {said}", {}, file, path, str(error))
 

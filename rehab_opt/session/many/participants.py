@@ -112,7 +112,7 @@ def _person(
 
 
 def _check_segments(row: dict[str, str], base: dict[str, Any], *, file: str) -> None:
-    """Raise an error for an empty length of an arm segment if the problem has no length: there is no safe default."""
+    """Refuse an empty cell for a segment length that the problem does not define either."""
     for key, cell in row.items():
         *places, last = key.split(".")
         if cell or places[-1:] != ["segments"]:

@@ -70,7 +70,7 @@ def answers(
 def _by(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Run tasks by an executor; tasks that were lost with a worker are run again at the end, one at a time."""
+    """Run tasks with an executor; tasks that were lost with a worker run again at the end, one at a time."""
     suspects = []
     for task, answer in _given(executor, tasks, work, handed):
         if _lost_with_worker(answer):
@@ -90,7 +90,7 @@ def _lost_with_worker(answer: object) -> bool:
 def _given(
     executor: Executor, tasks: Sequence[T], work: Callable[[T], A], handed: int
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Run tasks by an executor, `handed` at a time, so that waiting answers do not fill the memory."""
+    """Run tasks with an executor, `handed` at a time, so that waiting answers do not fill the memory."""
     waiting, running = deque(tasks), dict[Future[A], T]()
     try:
         while waiting or running:
@@ -112,7 +112,7 @@ def _given(
 def _by_processes(
     waiting: deque[T], work: Callable[[T], A], workers: int, timeout_s: float | None
 ) -> Iterator[tuple[T, A | BaseException]]:
-    """Run each task in a process of its own, `workers` at a time; all processes are ended in any case."""
+    """Run each task in its own process, `workers` at a time; no process outlives this generator."""
     context = _context(work.__module__)
     running: dict[Any, tuple[Any, T, float]] = {}
     try:

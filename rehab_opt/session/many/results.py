@@ -34,7 +34,7 @@ class ResultRow:
     participant : name of the person.
     status : DONE, REFUSED, FAILED or NOT_RUN.
     error : reason in one line why the person is not done.
-    seconds : computing time [s]; for a result of an earlier run, that of the earlier run.
+    seconds : computing time [s] of the run that made the result.
     numbers : metrics by dotted key.
     kept : whether the result is from an earlier run.
     inputs, covariates : cells of the person's row in the input table.
@@ -75,7 +75,7 @@ def kept_row(participant: str, folder: Path, digest: str) -> ResultRow | None:
 
 
 def _named_once(numbers: Mapping[str, Cell]) -> dict[str, Cell]:
-    """The numbers, under names that all rows share in memory; separate names for 10 000 people would need too much."""
+    """The numbers with interned names, which all rows share in memory."""
     return {sys.intern(key): value for key, value in numbers.items()}
 
 

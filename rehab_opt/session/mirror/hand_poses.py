@@ -105,7 +105,7 @@ def calibration_points(path: Path, *, name: str) -> tuple[Array, Array]:
 
 
 def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, str], *, name: str) -> Array:
-    """Numbers (rows, len(columns)) below a header, which must have each of the columns once."""
+    """Numbers (rows, len(columns)) below the header, in which each column must occur once."""
     header = header_cells(lines[0].split(marked[0]), name=name, line=1)
     missing = [column for column in columns if header.count(column) != 1]
     if missing:
@@ -116,7 +116,7 @@ def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, s
 def _numbers(
     rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str | None, str], *, name: str, first: int
 ) -> Array:
-    """Numbers (rows, columns); an empty cell is NaN. `first` is the line of the first row, counted from 1."""
+    """Numbers (rows, len(wanted)), with NaN for empty cells; `first` is the line number of the first row."""
     lost, (mark, point) = dict.fromkeys(wanted, MISSING), marked
     table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=mark, point=point, missing=lost)
     if len(table) < 3:

@@ -53,8 +53,7 @@ KEYS = keys_of(tracker=MirrorTrackerSection) | {
 def tracker_of(
     problem: MirrorProblem, setup: Setup, *, file: str, backup: str | None = None, live: bool = False, **options: Any
 ) -> MirrorTracker:
-    """The tracker with the file's parameters; `backup` as for `FallbackChain`, `options` are other arguments of
-    `MirrorTracker`.
+    """The tracker with the file's parameters; `backup` as in `FallbackChain`, `options` as in `MirrorTracker`.
 
     With `live`, the tracker limits the reference in each tick to what the person's arm can reach. Without it, the
     reference must be `setup.led`, which is limited in advance.
@@ -81,7 +80,7 @@ def led_trace(setup: Setup, ran: Trace, *, max_manipulability: float, **of: Any)
     """Trace of a run along the reference, a row for each tick; cells are empty where the reference is lost.
 
     These columns are only kept in memory: the poses `_tool` and `_reference` (N, 4, 4); `_short` (N, 2) [m, rad], the
-    smallest deviation that person and robot allow; `_person` (N, 2), how much of `_short` the person's arm causes;
+    smallest deviation that person and robot allow; `_person` (N, 2), the part due to the person's arm;
     `_reason`; `_seconds` (N,) or (1,), the computing time; `_complete`, whether the end of the reference was reached;
     `_velocity`, the true joint velocities of a robot that does not move as commanded.
 

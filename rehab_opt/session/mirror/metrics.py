@@ -29,7 +29,7 @@ above it."""
 
 
 def causes(led: Trace, drive: Trace, bounds: HandBounds) -> NDArray[np.int_]:
-    """Index (M,) in `CAUSES` for each sample of the drive: the cause of a deviation of the controller, or of a lag."""
+    """Index (M,) into `CAUSES` for each sample of the drive: why the hand deviates or is late."""
     short, from_arm = led["_short"], led["_person"]
     person = (from_arm[:, 0] > NEAR) | (from_arm[:, 1] > TURNED)
     robot = (short - from_arm > (NEAR, TURNED)).any(axis=1) & ~person
@@ -64,9 +64,9 @@ AGAIN = 20
 def driven(
     led: Trace, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float, max_manipulability: float
 ) -> Trace:
-    """Motion of a drive along the joint path of a controller: all joints wait for the slowest one and for the hand.
+    """Motion of a drive along a controller's joint path; all joints wait for the slowest joint and for the hand.
 
-    `smooth_path` computes it, with the path length of the hand as one more axis, no faster than `linear_speed` [m/s].
+    `smooth_path` treats the hand's path length as one more axis, with the speed limit `linear_speed` [m/s].
     If the hand is faster between two samples, the motion is computed again at a lower speed. For a robot with servos,
     the result is the robot's true motion. `law_t_s` is the corresponding time of the controller's run.
     """
@@ -98,7 +98,7 @@ def driven(
 def _passed(
     led: Trace, robot: SerialChain, bounds: SmoothingSection, *, linear_speed: float
 ) -> tuple[Array, Array, Array]:
-    """Times (K,) [s] of a drive, its joint positions (K, n) [rad], and the controller's times (K,) [s]."""
+    """Three results: a drive's times (K,) [s] and joint positions (K, n) [rad]; the controller's times (K,) [s]."""
     jerk = np.full(robot.n, math.radians(bounds.jerk_deg_s3))
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(led["tool"], axis=0), axis=1)))
     found = smooth_path(
@@ -124,7 +124,7 @@ SAMPLES = 400
 def led_metrics(
     led: Trace, drive: Trace, bounds: HandBounds, reference: Array, *, cause: NDArray[np.int_], rate: float
 ) -> dict[str, Any]:
-    """Metrics of one controller and its `drive`; deviations exist only where the tracker had not lost the hand.
+    """Metrics of one controller and its `drive`; samples with a lost hand have no deviation.
 
     `reference` (N, 4, 4) are the reference poses without lost samples; `cause` (K,) are the drive's `causes`.
     """
@@ -189,7 +189,7 @@ def passed_fraction(tool: Array, reference: Array) -> float:
 
 
 def astar_metrics(path: AStarPath, bounds: HandBounds, reference: Array) -> dict[str, Any]:
-    """Metrics of the A* path; it has no times, so a deviation is the distance of a reference position from the path."""
+    """Metrics of the A* path; a deviation is the distance of a reference position from the path, which has no times."""
     w = np.array([bounds.chain.manipulability(each) for each in path.q]) / bounds.max_manipulability
     return {
         "positions": len(path.q),

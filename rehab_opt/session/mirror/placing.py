@@ -1,10 +1,8 @@
-"""Search for a seat of the patient in a mirrored recording, and for the robot's grip; then run the best candidates.
+"""Search for the patient's seat in a mirrored recording, and for the robot's grip; then run the best candidates.
 
-The unknowns are the position and direction of the patient, and the grip. They follow from the robot's posture at one
-pose of the path, and from the patient's direction. For each candidate, a search computes the fraction of the path that
-the robot can follow, regardless of time (`Seats`). The best candidates that differ enough are run as by `rehab-opt
-run`, and
-the best run wins.
+A candidate is a posture of the robot at one pose of the path, and a direction of the patient; seat and grip follow from
+both. `Seats` computes the fraction of the path that the robot can follow, regardless of time. The best candidates that
+differ enough are run like `rehab-opt run`, and the best run wins.
 """
 
 from __future__ import annotations
@@ -133,7 +131,7 @@ def placed(config: ProblemFile[MirrorProblem], keys: dict[str, dict[str, Any]]) 
 
 
 def achieved(config: ProblemFile[MirrorProblem]) -> float:
-    """Fraction of the reference poses that the controller `step` passes if the robot moves exactly as commanded."""
+    """Fraction of the reference poses that an ideal robot passes with the controller "step"."""
     scene = laid_out(config)
     tracker = tracker_of(config.problem, scene, file=config.file)
     led = track_reference(
@@ -166,8 +164,7 @@ def reach_note(problem: MirrorProblem, scene: Setup, tracker: MirrorTracker) -> 
 class _Search:
     """The search for seats for one recording.
 
-    A seat (n + 1,) is the robot's posture (n,) at the path's middle pose, and the rotation of the patient's frame
-    [rad].
+    A seat (n + 1,) [rad] is the robot's posture (n,) at the path's middle pose, and the turn of the patient's frame.
     """
 
     def __init__(
@@ -209,7 +206,7 @@ class _Search:
         return found
 
     def scores(self, drawn: Array) -> Array:
-        """(M,) fraction of poses within reach, plus a small bonus for manipulability; zero where nobody could sit."""
+        """(M,) fraction of poses within reach, plus a small bonus for manipulability; zero unless `admitted`."""
         found = np.zeros(len(drawn))
         for begun in range(0, len(found), ANYWHERE):
             some = slice(begun, begun + ANYWHERE)
@@ -231,8 +228,7 @@ class _Search:
     def _seats(self, drawn: Array) -> tuple[Array, Array, Array]:
         """Three results: rigid motions (M, 4, 4) of the patient's frame, grips (M, 4, 4), and points (M, 3, 3) [m].
 
-        The points are the recording's origin, a point of the patient's sagittal plane, and the led shoulder or its
-        substitute.
+        The points are the recording's origin, a point of the sagittal plane, and the led shoulder or its substitute.
         """
         tools, turns = self.seats.at(drawn[:, :-1])[0], drawn[:, -1]
         seats, grips = np.tile(np.eye(4), (len(drawn), 1, 1)), np.tile(self.grip, (len(drawn), 1, 1))
@@ -249,7 +245,7 @@ class _Search:
         return seats, grips, points @ seats[:, :3, :3].transpose(0, 2, 1) + seats[:, None, :3, 3]
 
     def admitted(self, drawn: Array) -> NDArray[np.bool_]:
-        """(M,) whether a patient could sit there."""
+        """(M,) whether a patient can sit at each of the seats `drawn` (M, n + 1)."""
         points, (low, high) = self._seats(drawn)[2], HEIGHT
         height, away = points[:, -1, 2], np.linalg.norm(points[:, :, :2], axis=2).min(axis=1)
         return np.asarray((low <= height) & (height <= high) & (away >= AWAY))

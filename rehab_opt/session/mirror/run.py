@@ -102,7 +102,7 @@ class LedScene:
         self.task, self.name = task, name
 
     def run(self, progress: Progress = lambda *_: None) -> Trace:
-        """Trace as from `led_trace`; its column `_drive` has the trace of a drive, and `_cause` the drive's causes."""
+        """Trace of `led_trace`, with the drive's trace in the column `_drive` and its `causes` in `_cause`."""
         task = self.task
         section, setup, most = task.problem.tracker, task.setup, task.tracker.max_manipulability
         plant, speed = task.plant, section.linear_speed_m_s
@@ -149,7 +149,7 @@ class MirrorSystem(System[MirrorProblem, LedScene]):
     rate_key = "tracker.rate_hz"
 
     def columns(self, outcome: Outcome) -> Mapping[str, Mapping[str, Any]]:
-        """One column for each controller; A* is a path without times, which no robot follows."""
+        """One column for each controller, and one for the A* path."""
         laws, astar = dict(outcome.metrics["laws"]), outcome.metrics["astar"]
         if astar is not None:
             name = f"A*, {outcome.metrics['parameters']['astar']['resolution_mm']:g} mm"

@@ -117,9 +117,9 @@ class Setup:
         return np.asarray(np.nan_to_num(np.column_stack([away, turned])))
 
     def reference_of(self, led: Array, seconds: ArrayLike) -> tuple[Array, Array]:
-        """Two results: the reference poses (K, 4, 4) for followed poses `led` (K, 4, 4), and `beyond` (K, 2).
+        """Two results: the reference poses (K, 4, 4) of the tracked poses `led` (K, 4, 4), and their `beyond` (K, 2).
 
-        `seconds` (K,) [s] are the times of the followed poses since the beginning of `self.led`.
+        `seconds` (K,) [s] are the times of the tracked poses since the beginning of `self.led`.
         """
         step = float(self.led.times[1] - self.led.times[0])
         k = np.clip(np.rint(np.nan_to_num(np.asarray(seconds)) / step).astype(int), 0, len(self.reference_index) - 1)
@@ -228,10 +228,7 @@ def path_notes(scene: Setup) -> Iterator[str]:
 
 
 def hand_axes(section: PoseRecordingSection) -> Array:
-    """Columns (3, 3): the axes fingers, back and across, in the recorded hand frame converted to the robot's axes.
-
-    Across is the cross product of fingers and back, in a right-handed frame.
-    """
+    """Columns (3, 3) in the recorded hand frame, made right-handed: fingers, back, and their cross product."""
     fingers, back = (_axis(name, unity=section.frame == "unity") for name in (section.fingers, section.back))
     return np.column_stack([fingers, back, np.cross(fingers, back)])
 
@@ -251,7 +248,7 @@ def _robot_axes(seen: HandPoses, section: PoseRecordingSection) -> Array:
 
 
 def _patient_motion(config: ProblemFile[MirrorProblem], stamps: Array, fit: FrameFit) -> Array:
-    """(N, 4, 4) motion of the patient since the first sample, in the robot's frame; the unit matrix without a track."""
+    """Motion (N, 4, 4) of the patient since the first sample, in the robot's frame; the identity without a track."""
     name = config.problem.patient.track_file
     if name is None:
         return np.eye(4)

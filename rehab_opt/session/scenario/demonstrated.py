@@ -109,7 +109,7 @@ def _field(
 
 
 def _as_key(config: ProblemFile[ScenarioProblem], refused: ConfigurationError) -> ProblemFileError:
-    """An error about the demonstrations, with the key and the recording that it concerns."""
+    """Convert an error about the demonstrations to one that names the problem file's key and the recording."""
     number = re.fullmatch(r"demonstrations\[(\d+)\]", refused.argument)
     if number is None:
         keys = {"width": "field.widths_mm", "demonstrations": KEY}
@@ -133,7 +133,6 @@ WORST = 0.5
 
 
 def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> Iterator[str]:
-    """Notes on the recordings."""
     slow = [float(np.mean(np.linalg.norm(each.velocities, axis=1) < RESTING)) for each in shown]
     if max(slow) > MOSTLY:
         assert problem.task.demonstrations is not None
@@ -151,7 +150,6 @@ def _data_notes(problem: ScenarioProblem, shown: tuple[Demonstration, ...]) -> I
 
 
 def _fit_notes(fit: Fit, shown: int) -> Iterator[str]:
-    """Notes on the fitted field."""
     said, spread = fit.parameters, fit.standard_error
     numbers = ", ".join(
         f"{symbol} = {said[name]:.3g} +- {spread[name]:.2g} {unit}"

@@ -89,8 +89,7 @@ def grid_points(box: Box, count: int) -> tuple[Array, Array, Array]:
 def gated_forces(context: Precomputed, points: Array) -> Array:
     """Desired force (N, 2) [N], including the mode's gate, on a hand at rest at `points` (N, 2) [m].
 
-    It is NaN outside W_r, which no hand can leave. In "follow" and "hold" it is NaN outside W_c, too, where only a
-    pull back into W_c acts.
+    The force is NaN outside W_r. In "follow" and "hold" it is NaN outside W_c, too, where only a pull into W_c acts.
     """
     forces, there = _forces(context, points), np.asarray(context.comfortable.contains(points))
     if context.mode in THERAPY:
@@ -107,7 +106,7 @@ def _gate(context: Precomputed, points: Array) -> Array:
 
 
 def _forces(context: Precomputed, points: Array) -> Array:
-    """Force (N, 2) [N] before the gate: of the spring to a path, else of the field with the nearest target."""
+    """Force (N, 2) [N] at `points` (N, 2) [m] before the gate."""
     fields = context.fields
     if context.follows_path:
         path = shapely.LineString(fields[0].paths[0].points)
@@ -122,7 +121,7 @@ def _forces(context: Precomputed, points: Array) -> Array:
 
 
 def _draw_sizes(axes: Axes, context: Precomputed, box: Box) -> None:
-    """Draw the colours, clipped exactly at the edge of W_r or W_c."""
+    """Draw the magnitude of the force in colour, clipped at the edge of W_r or W_c."""
     x, y, points = grid_points(box, FINE)
     therapy, most = context.mode in THERAPY, context.problem.assistance.force_limit_N
     size = _gate(context, points) * np.minimum(np.linalg.norm(_forces(context, points), axis=1), most)
@@ -144,7 +143,7 @@ LONGEST = 0.7
 
 
 def learnt_figure(context: Precomputed) -> Figure:
-    """Figure with the plane (left), and the forces of the first held-out or the last demonstration (right)."""
+    """Figure with the plane and the forces of one demonstration: the first held-out one, or the last if none is."""
     fit, every = context.fields[0].fit, context.shown
     assert fit is not None
     number, kept = (fit.held_out[0], "held out") if fit.held_out else (len(every) - 1, "learnt from")
@@ -183,7 +182,7 @@ CURVES: Mapping[Law, tuple[str, str]] = {
 
 
 def along_figure(of: ScenarioTrials) -> Figure:
-    """Figure of the force along the path, negative against the motion; the target is at the right."""
+    """Figure of the force component along the path, negative if it resists; the target is at the right."""
     figure = framed(
         "Force along the path towards the target; below 0 it resists. The fields at rest, and thin the commanded force "
         f"of every trial outside $W_c$, with damping. {count_words(of)}",

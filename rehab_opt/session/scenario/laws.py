@@ -127,7 +127,7 @@ def swinging_notes(laws: Mapping[Law, ForceLaw]) -> Iterator[str]:
 
 
 def bounds_of(problem: ScenarioProblem, *, solver: str | None, backup: str | None = None) -> dict[str, Any]:
-    """Arguments for the bounds of the assistance, and of both sides of a pair; `solver` overrides the file's solver."""
+    """Force bounds of the file as arguments of a controller; `solver` overrides the file's solver."""
     bounds = problem.assistance.arguments()
     del bounds["onset"]
     return {

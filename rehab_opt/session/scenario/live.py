@@ -52,7 +52,7 @@ class LiveScenario(LiveProblem):
         self.layout = {"hand": 2, "meant": 2, "force": 2, "desired": 2, "exerted": 2, "energy": 1, "along": 4}
 
     def control(self, plant: Plant | None = None) -> LiveControl:
-        """The controller "assisted", or else a pair, with the person and robot of the file's trials."""
+        """Closed loop with the file's person and robot, and the controller "assisted" or, without it, a pair."""
         task = self.task
         law, seed = law_of(self._law, task.context, solver=task.solver), task.problem.task.seed
         return Helping(law, task.scene, number=0, seed=seed, endless=True, plant=plant)
@@ -142,7 +142,7 @@ class LiveScenario(LiveProblem):
 
 
 def _flat(points: Array) -> Array:
-    """(N, 3) from positions (N, 2) in the plane."""
+    """Points (N, 3) at height zero from points (N, 2)."""
     return np.column_stack([points, np.zeros(len(points))]).round(5)
 
 

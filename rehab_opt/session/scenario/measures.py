@@ -85,8 +85,8 @@ def trial_measures(
 def deviation_of(trial: Trace, path: Array, mode: Mode) -> tuple[Array, Ticks]:
     """Two results: the deviation (N,) [m] of the hand, and whether it counts (N,) in each tick.
 
-    The deviation is the distance from the point to hold, from the current point of a path that is followed, or else
-    from the nearest point of `path` (M, 2).
+    The deviation is the distance from the point to hold ("hold"), from the current point of the path ("follow"), or
+    from the nearest point of `path` (M, 2) (other modes).
     """
     hand = trial["_hand"]
     if mode == "hold":
@@ -186,9 +186,7 @@ def promised(trial: Trace, where: Projection, mode: Mode) -> Numbers:
 def time_to_zero_force(trial: Trace) -> float | None:
     """[s] longest time from entering W_c, or from a start inside, until the force is exactly zero.
 
-    If the hand leaves W_c earlier, the whole stay counts, so that a force that was never released is not hidden. None
-    if
-    the hand was never inside.
+    If the hand leaves W_c before that, the whole stay counts. None if the hand was never inside.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([0], trial["inside"].astype(np.int8), [0]))))
     zero: Ticks = (trial["force_commanded"] == 0).all(axis=1)
@@ -200,12 +198,10 @@ def time_to_zero_force(trial: Trace) -> float | None:
 
 
 def _tick(trial: Trace) -> float:
-    """Tick of the trial [s]."""
     return float(np.median(np.diff(trial["t_s"])))
 
 
 def _sizes(vectors: Array) -> Array:
-    """(N,) magnitudes of vectors (N, 2)."""
     return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
@@ -214,7 +210,6 @@ def _mean_and_max(name: str, unit: str, of: Array) -> Numbers:
 
 
 def _mean(values: Array, ticks: Ticks) -> float | None:
-    """Mean of the values in the selected ticks (N,); None if no tick is selected."""
     return float(values[ticks].mean()) if ticks.any() else None
 
 

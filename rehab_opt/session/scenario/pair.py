@@ -24,7 +24,7 @@ class Together(ForceLaw):
 
     Parameters
     ----------
-    both : the pair. context : workspaces and task of the file; at the end of the intended motion, the helper restarts.
+    both : the pair. context : workspaces and task of the file; the helper repeats the intended motion.
     person, makes : parameters of the helper, and the factory of the helper's robot.
     """
 
@@ -43,7 +43,6 @@ class Together(ForceLaw):
         self._begin(number, (x, y))
 
     def _begin(self, number: int, start: tuple[float, float]) -> None:
-        """Begin a trial: the helper is at rest at `start`, with the noise of that trial."""
         person, dt, ticks, seed = self._healthy, self._both.dt, len(self._meant), (self._seed + number, 2)
         self._person = SimulatedPerson(person, self._workspace, dt=dt, ticks=ticks, seed=seed)
         rng = np.random.default_rng((*seed, 1))
@@ -66,7 +65,7 @@ class Together(ForceLaw):
         return drawn
 
     def _means(self, enable: object) -> list[float]:
-        """Intended position [m] and velocity [m/s] of the helper's hand."""
+        """Intended position [m] and velocity [m/s] of the helper's hand, as [x, y, vx, vy]."""
         if not enable:
             return [self._robot.x, self._robot.y, 0.0, 0.0]
         if self.led is not None:

@@ -43,7 +43,7 @@ ROOM = 0.15
 
 
 def draw_plane(axes: Axes, context: Precomputed, box: Box, *, reachable: bool = True) -> None:
-    """Draw W_r and W_c on top of it, with equal scales, the axis limits `box`, and axis labels that name the frame."""
+    """Draw W_r, and W_c on top, with equal scales and the axis limits `box`; the axis labels name the frame."""
     placement = context.comfortable.placement
     placed = any(placement.position) or placement.turn != 0
     axes.set(xlim=box[0], ylim=box[1], aspect="equal")

@@ -89,7 +89,6 @@ def trials_of(outcome: Outcome) -> ScenarioTrials:
 
 
 def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
-    """Values of (controller, trial), grouped by controller."""
     found: dict[Law, list[Any]] = {}
     for (law, _), each in of.items():
         found.setdefault(law, []).append(each)
@@ -97,7 +96,6 @@ def _by_law(of: Mapping[Names, Any]) -> dict[Law, list[Any]]:
 
 
 def _pair_notes(of: ScenarioTrials) -> Iterator[str]:
-    """Notes on the helper."""
     tanks = 2 * of.context.problem.assistance.energy_budget_J
     for law, trials in of.measures.items():
         if "helper_force_mean_N" in trials[0]:
@@ -110,7 +108,7 @@ def _pair_notes(of: ScenarioTrials) -> Iterator[str]:
 
 
 def _along(of: ScenarioTrials) -> Iterator[str]:
-    """Notes along a path: parts not covered; assistance that made a trial worse; a hand that was released."""
+    """Notes on uncovered parts of the path, on trials that assistance made worse, and on released hands."""
     for law, measures in of.measures.items():
         fractions = [each["reference_covered_fraction"] for each in measures]
         short = sum(fraction < COVERED for fraction in fractions)

@@ -58,6 +58,6 @@ def thinned_ticks(time: Array) -> NDArray[np.intp]:
 
 
 def _relaxed(flags: NDArray[np.uint8], ticks: NDArray[np.intp]) -> Iterator[str]:
-    """The bounds relaxed since the previous row, for each row."""
+    """For each written row, the names of the bounds that were relaxed since the row before."""
     for since in np.bitwise_or.reduceat(flags, np.concatenate(([0], ticks[:-1] + 1))):
         yield ", ".join(bound.name.lower() for bound in Relaxed(int(since)) if bound.name)

@@ -179,7 +179,6 @@ class FollowedPath:
         }
 
     def _parameters(self, law: str) -> dict[str, Any]:
-        """Parameters of a controller, including its defaults."""
         of, optimised = self.laws[law], self.problem.optimised
         if law == "published":
             numbers = {"gain_per_s": of.gain, "damping": of.damping, "saturation": of.saturation}
@@ -214,7 +213,7 @@ def claimed(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
 
 
 def verified(of: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """Array (N,): whether the controller's claim for each sample is true by the arm's kinematics."""
+    """Array (N,): whether the arm's kinematics confirm the controller's claim for each sample."""
     return np.asarray(claimed(of) & (of["position_error_m"] <= REACHED))
 
 

@@ -38,10 +38,9 @@ def mapped_set(problem: WorkspaceMapProblem, end: End) -> MappedSet:
 
 
 class MadeMap:
-    """A map by one rule, with its audit.
+    """A map by one rule, with its audit; if the rule finds no map, both are None and `reason` says why.
 
-    If the rule finds no map, `mapped` and `audit` are None, and `reason` says why. `seconds` is the computing time of
-    the map without the audit.
+    `seconds` is the computing time of the map without the audit.
     """
 
     def __init__(

@@ -116,7 +116,7 @@ def _slices(section: ArmInPlane, sets: Mapping[str, Workspace]) -> Figure:
 
 
 def _volumes(section: ArmInPlane, names: Sequence[str], volumes: Mapping[bool, Sequence[ReachableVolume]]) -> Figure:
-    """Figure with a view for the held and one for the free handle; the keys of `volumes` say which one it is."""
+    """Figure with one view for the held handle (key True of `volumes`) and one for the free handle (key False)."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]  # noqa: PLC0415  (slow to import, rarely drawn)
 
     figure = framed(f"Reachable volume [mm]. n = {len(names)} ranges of motion.", 3.6)

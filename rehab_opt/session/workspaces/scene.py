@@ -82,9 +82,8 @@ class ReachedSets:
     def run(self, progress: Progress = lambda *_: None) -> Trace:
         """Trace with one row for each vertex: set, component from 1, ring (0: outline; 1, 2, ...: holes), x and y.
 
-        Columns that are not written to files are the sets `_workspace`, their names `_range`, computing times
-        `_seconds`, volumes `_volume` (one row for each set, one column for each of `held`), and the sets `_tilted` for
-        other tilts.
+        Columns that are not written to files are the sets `_workspace`, their names `_range`, times `_seconds` [s],
+        volumes `_volume` (sets, values of `held`), and the sets `_tilted` for other tilts.
         """
         arm, file = self.problem.arm, self._file
         found = {
