@@ -68,11 +68,11 @@ def printer() -> Console:
 
 
 OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
-"""Pattern of a joint, link, body or line in a note; number of similar notes up to which all are printed."""
+"""Two settings of `brief`: pattern of a robot's part or a line in a note; number of similar notes that all stay."""
 
 
 def brief(notes: Iterable[str]) -> list[str]:
-    """Replace notes that differ only in numbers and in names of joints or links by the first one and a count."""
+    """Notes to print: of many that differ only in numbers or parts, the first one with the count of the others."""
     alike: dict[str, list[str]] = {}
     for note in notes:
         kind, count = OF_ROBOT.subn("", note)
@@ -177,7 +177,7 @@ def no_folder(file: Path, *, argument: str = "--out") -> None:
 
 
 def not_there_yet(file: Path, *, force: bool, inputs: Iterable[Path] = (), argument: str = "--out") -> None:
-    """Raise an error if the file exists without `force`, or if the file is one of the inputs."""
+    """Raise an error if the file is one of the inputs, or if it exists and `force` is False."""
     if file.exists() and not force:
         raise ConfigurationError(argument, str(file), "a new file, or --force to replace this one")
     if file.exists() and any(each.exists() and file.samefile(each) for each in inputs):

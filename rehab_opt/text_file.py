@@ -266,7 +266,7 @@ def times(count: int) -> str:
 
 
 def brief(value: object, most: int = 60) -> object:
-    """`value`; its text, shortened, if longer than `most` characters; a fixed text if the value cannot be printed."""
+    """`value` for a message; a text instead if it has more than `most` characters or cannot be printed."""
     try:
         written = str(value)
     except (ValueError, RecursionError):

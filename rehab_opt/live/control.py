@@ -48,7 +48,7 @@ class Rings(NamedTuple):
 def live_or_logged(
     file: str, options: dict[str, str | None], *, again: bool
 ) -> Iterator[tuple[LiveProblem, Logged | None]]:
-    """Context that yields a live problem, and its log if `file` is a log (`again`) or else None."""
+    """Context with a live problem and its log; with `again`, `file` is this log, otherwise the log is None."""
     if not again:
         yield live_problem(load_problem(file), **options), None
         return

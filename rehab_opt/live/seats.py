@@ -178,7 +178,7 @@ class Seats:
 
     @property
     def current(self) -> LiveInputs:
-        """Inputs of the commanding tab; a participant's tab replaces the target, or the own target of two."""
+        """Inputs of the commanding tab; a participant's tab, if any, sets the target of the participant's hand."""
         inputs = self.inputs if self._of == 1 else self.inputs._replace(target=NOWHERE, helper=self.inputs.target)
         hands = list(self._hands.values())
         return inputs._replace(target=hands[0]) if hands else inputs

@@ -1,1 +1,1 @@
-"""Real-time loop that runs a controller on a robot; records for other processes, logs, drivers of devices."""
+"""Run a controller on a robot in real time, log the run, and exchange data with devices and other processes."""

@@ -58,7 +58,7 @@ class Cdr:
 
 
 def record_definition(layout: np.dtype[Any]) -> str:
-    """ROS 2 message definition (.msg) of a record that has 8-byte numbers first, then texts.
+    """ROS 2 message definition (.msg) of a record in which 8-byte numbers come before texts.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def record_definition(layout: np.dtype[Any]) -> str:
 
 
 def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
-    """Function that converts a record to a message of `record_definition`; numbers are copied bit by bit."""
+    """Function that converts a record to a message of `record_definition` without rounding numbers."""
     record_definition(layout)
     fixed, texts = _split(layout)
 
@@ -91,7 +91,7 @@ def record_cdr(layout: np.dtype[Any]) -> Callable[[np.void], bytes]:
 
 
 def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.void]:
-    """Records (N,) read back from N messages of `record_cdr`."""
+    """Convert N messages of `record_cdr` back to records (N,)."""
     fixed, texts = _split(layout)
     records = np.zeros(len(messages), dtype=layout)
     rows = records.view(np.uint8).reshape(len(messages), layout.itemsize)
@@ -107,7 +107,7 @@ def records_of(layout: np.dtype[Any], messages: Sequence[bytes]) -> NDArray[np.v
 
 
 def _split(layout: np.dtype[Any]) -> tuple[int, list[str]]:
-    """Number of bytes of all numbers in a record, and names of the text fields."""
+    """Two results: the size [byte] of a record's numbers, and the names of its text fields."""
     fields = dict(layout.fields or {})
     texts = [name for name, (kind, *_) in fields.items() if kind.kind == "S"]
     return (fields[texts[0]][1] if texts else layout.itemsize), texts

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 JOINTS = 7
 ACCELERATION, JERK = 9.99, 2400.0
-"""Limits given to franky [rad/s^2, rad/s^3]. A Research 3 stops above 10 and 5000. The jerk needs a margin:
+"""Acceleration and jerk limits [rad/s^2, rad/s^3]. A Research 3 stops above 10 and 5000. The jerk needs a margin:
 franky exceeds its jerk limit by a factor of 1.41 when it replans during a ramp, and by more if a cycle is lost."""
 UNFILTERED = 1000.0
 """Cut-off [Hz] that turns libfranka's filter off; the filter would add 1.6 ms of lag."""
@@ -93,7 +93,7 @@ class FrankaDriver:
         return Reading(state.q, state.dq, state.O_F_ext_hat_K[:3])
 
     def send(self, velocity: list[float]) -> None:
-        """Command joint velocities (7,) [rad/s]; without a new one for `meant_for` [s], the robot brakes to rest."""
+        """Command joint velocities (7,) [rad/s]; if no command follows within `meant_for` [s], the robot brakes."""
         first = self._franky.JointVelocityWaypoint(velocity, hold_target_duration=self._meant_for)
         self._move(self._franky.JointVelocityWaypointMotion([first, self._rest]))
 

@@ -123,7 +123,7 @@ def operate(pad: Gamepad, ring: SharedRing, *, until: Callable[[], bool] = lambd
 
     Raises
     ------
-    DeviceLostError : the gamepad is unplugged; the ring then has a released dead man's switch.
+    DeviceLostError : the gamepad is unplugged; before, a released dead man's switch is written to the ring.
     """
     size = ring.layout["stick"].shape[0]
     ring.record["target"][...] = math.nan  # a stick has no target position

@@ -128,6 +128,5 @@ class Log:
 
 
 def _versions() -> dict[str, str]:
-    """Versions of the software that computes the commands."""
     packages = {name: version(name) for name in ("numpy", "casadi", "scipy")}
     return {"rehab_opt": __version__, **packages, "python": platform.python_version(), "machine": platform.platform()}

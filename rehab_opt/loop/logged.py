@@ -23,7 +23,7 @@ from rehab_opt.text_file import regular_file
 __all__ = ["Logged", "operator_of", "read_log"]
 
 KIND, MOST = re.compile(r"<f8|<u8|\|?S\d{1,4}"), 1000
-"""Allowed data types of a field of a record; largest size of the field in each dimension."""
+"""Two checks of a record's field: its allowed data types, and its largest size in each dimension."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def _layout(told: list[tuple[Any, ...]]) -> np.dtype[Any]:
 
 
 def operator_of(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """The operator's fields of a record's layout, in the form of `operator_layout`; empty without an operator."""
+    """`operator_layout` of the loop that wrote records of this layout; no fields if it had no operator."""
     prefix = "operator_"
     fields = dict(layout.fields or {})
     return np.dtype([(name.removeprefix(prefix), kind[0]) for name, kind in fields.items() if name.startswith(prefix)])

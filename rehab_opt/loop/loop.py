@@ -38,7 +38,7 @@ STOPPING = 3.0
 """Longest duration [s] of braking when the loop ends; then the loop stops the robot in any state."""
 AT_REST = (Status.HOLDING, Status.RELEASED)
 ASKED = {False: 1, True: 2}
-"""Value of the field `asked_before` if the controller is called twice in a tick, by `enable` of the first call."""
+"""Value of the field `asked_before` for two calls of the controller in a tick; the key is `enable` of the first."""
 COLLECTED = 64
 """Number of ticks between two garbage collections of young objects, which take about 20 us."""
 
@@ -65,7 +65,7 @@ class Loop:
     plant : simulated robot, already reset, or a device.
     decide : the controller as a function of a `Tick`.
     state : ring of `state_layout` records that the loop writes for viewers and loggers, or None.
-    operator : ring of `operator_layout` records; None without an operator: then the controller is always enabled.
+    operator : ring of `operator_layout` records; if None, the controller is always enabled.
     max_age : largest age [s] of a measurement; by default 50 ms or three ticks, as for controllers.
     dead_man : longest time [s] since the last report of a held dead man's switch.
     watches : functions that return a reason to brake, such as a failed log, or an empty text.
@@ -237,8 +237,6 @@ class _Told(NamedTuple):
 
 
 class _Run:
-    """Counters and state of one run of a loop."""
-
     def __init__(self) -> None:
         self.index, self.ticks, self.missed, self.late, self.stale = -1, 0, 0, 0, 0
         self.early = self.start = self.behind = 0.0
@@ -268,7 +266,7 @@ def _between_ticks(run: _Run) -> Iterator[None]:
 
 
 def _push(operator: np.void | None) -> Any:
-    """Force (k,) [N] on the hand of a simulated robot, or None."""
+    """The operator's push (k,) [N] on a simulated robot's hand; None without a push."""
     if operator is None:
         return None
     push = operator["push"]

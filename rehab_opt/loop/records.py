@@ -1,4 +1,4 @@
-"""Inputs of a controller in one tick; layouts of two kinds of records: a loop's ticks, and an operator's inputs."""
+"""Inputs of a controller in a tick (`Tick`), and layouts of the records of ticks and of operators."""
 
 from __future__ import annotations
 

@@ -34,10 +34,7 @@ class Reading(NamedTuple):
 
 
 class Driver(Protocol):
-    """Driver of a device, run in a separate process; its methods may wait.
-
-    Each method raises DeviceLostError if the device is lost.
-    """
+    """Driver of a device in a process of its own; methods may wait, and raise DeviceLostError if it is lost."""
 
     def read(self) -> Reading | None:
         """The newest state of the device; None if there is no new one since the last call."""

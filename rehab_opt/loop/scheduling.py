@@ -55,7 +55,7 @@ def in_time(fifo: int | None) -> Iterator[str]:
 
 
 def _made_fifo(priority: int | None) -> tuple[int, os.sched_param] | str | None:
-    """Request SCHED_FIFO; return the previous scheduling, the reason of a refusal, or None without a priority."""
+    """Request SCHED_FIFO; return the previous scheduling, or the reason of a refusal; None without a priority."""
     if priority is None:
         return None
     if not hasattr(os, "sched_setscheduler"):

@@ -138,10 +138,7 @@ class SharedRing:
 
     @property
     def record(self) -> NDArray[np.void]:
-        """Record (shape ()) that `publish` writes; set its fields, as in `record["force"][:] = force`.
-
-        Fields keep their values until they are set again.
-        """
+        """Record that `publish` writes; its fields, such as `record["force"]`, keep their values until set."""
         return self._record
 
     def publish(self) -> None:

@@ -54,7 +54,6 @@ class ArmModel:
     stops: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check every argument and convert it to arrays."""
         n = self.chain.n
         for name in ("rotors", "torque_limit", "coulomb", "viscous"):
             value = per_joint(name, getattr(self, name), n)

@@ -53,7 +53,6 @@ class Channel:
     force_noise: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check every number."""
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             most = SLOWEST if name.endswith(("delay", "jitter")) else math.inf

@@ -46,7 +46,7 @@ class Drive(Protocol):
         ...
 
     def torque(self, command: Array, state: DriveState, feedforward: Array) -> Array:
-        """Joint torques (n,) [N m, N] within the limits; `feedforward` (n,) has the gravity and velocity torques."""
+        """Joint torques (n,) [N m, N] within the limits; `feedforward` (n,): gravity and Coriolis torques."""
         ...
 
 

@@ -72,7 +72,7 @@ class WithoutDelay(NamedTuple):
 
 
 class OnMujoco(NamedTuple):
-    """Factory of `MujocoHandRobot`: with delays, noise, and a lag of the motor force."""
+    """Factory of `MujocoHandRobot`, which has delays, noise, and a lag of the motor force."""
 
     model: RobotModel
     channel: Channel

@@ -48,10 +48,7 @@ class IdealJoints:
         return self.measured
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:
-        """Simulate one tick at the velocities `command` (n,) [rad/s, m/s].
-
-        The force `push` (3,) [N] on the hand changes only the measured force.
-        """
+        """Simulate one tick at `command` (n,) [rad/s, m/s]; `push` (3,) [N] changes only the measured force."""
         self._velocity = np.asarray(command, dtype=np.float64)
         self._push = np.zeros(3) if push is None else np.array(push, dtype=np.float64)
         self._position = self._position + self._velocity * self.dt

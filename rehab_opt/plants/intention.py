@@ -36,9 +36,7 @@ class Intention:
 def minimum_jerk(fraction: ArrayLike) -> Array:
     """Fraction of its distance that a minimum-jerk motion has covered after the fraction u of its duration.
 
-    The result is 10 u^3 - 15 u^4 + 6 u^5.
-
-    Source: Flash and Hogan 1985.
+    The result is 10 u^3 - 15 u^4 + 6 u^5. Source: Flash and Hogan 1985.
     """
     u = np.clip(np.asarray(fraction, dtype=np.float64), 0.0, 1.0)
     return np.asarray(u**3 * (10.0 + u * (-15.0 + 6.0 * u)))
@@ -106,7 +104,7 @@ the intended position moves at the same speed but waits when it is too far ahead
 LONGER = 2
 """Largest duration of a trial with "path", as a multiple of the intention's duration."""
 SIGHT = 0.01
-"""The path point nearest to the hand is searched up to this length [m] of path ahead of the hand's last progress."""
+"""Length [m] of path, from the hand's last progress on, in which the path point nearest to the hand is searched."""
 STEP = 5e-4
 """Spacing [m] of the path points in this search."""
 
@@ -143,7 +141,7 @@ class Pace:
         return self._tick >= self._last
 
     def meant(self, x: float, y: float) -> tuple[int, bool]:
-        """For a hand at x, y [m]: the current tick of the intention, and whether the intended position moves on."""
+        """Two results for a hand at x, y [m]: the intention's current tick, and whether the intention moves on."""
         if not self._waits:
             self._tick += 1
             return min(self._tick - 1, self._last), True

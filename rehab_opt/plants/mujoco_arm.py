@@ -30,7 +30,7 @@ POSTURES = 64
 class MujocoArm(SampledPlant):
     """A serial arm with a drive in each joint, simulated in MuJoCo; a `Plant`.
 
-    The drives compensate the arm's gravity and velocity torques exactly, but not contacts, friction and coupled
+    The drives compensate the arm's gravity and Coriolis torques exactly, but not contacts, friction and coupled
     inertia. Links do not collide, and joints stop only at the model's mechanical stops, not at joint limits. Contacts
     act on the hand, which is a point.
 
@@ -109,7 +109,7 @@ class MujocoArm(SampledPlant):
         return full
 
     def feedforward(self) -> Array:
-        """Current gravity and velocity torques (n,) [N m, N], which the drives compensate."""
+        """Current gravity and Coriolis torques (n,) [N m, N], which the drives compensate."""
         self._mujoco.mj_forward(self._arm, self._data)
         return np.asarray(self._data.qfrc_bias.copy())
 

@@ -98,7 +98,7 @@ class SimulatedPerson:
     def force(  # noqa: PLR0917  (a hot call: state, then intention)
         self, x: float, y: float, vx: float, vy: float, to_x: float, to_y: float, to_vx: float, to_vy: float
     ) -> tuple[float, float]:
-        """Force (x, y) [N] on the handle, given position [m] and velocity [m/s] of the hand, and the intended ones.
+        """Force (x, y) [N] on the handle, from the hand's actual and intended positions [m] and velocities [m/s].
 
         The method sets `beyond`, the signed distance [m] of the hand to the comfortable workspace, negative inside.
         """

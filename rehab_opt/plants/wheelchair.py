@@ -36,8 +36,8 @@ class Wheelchair(SampledPlant):
 
     The positions are those of `MobileArm`: the chair's position and heading in the world, then the arm's joints. Each
     wheel follows its commanded speed with a first-order lag. Wheels have no torque limit and do not slip. Chair and arm
-    do not accelerate each other, and the chair does not tilt. One number is the standard deviation of the
-    measurement noise both of joints [rad] and of the chair's position [m].
+    do not accelerate each other, and the chair does not tilt. The channel's `position_noise` is the
+    standard deviation both for joints [rad] and for the chair's position [m].
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ of a step; number of long steps from which a coarse clock, not missing rows, exp
 
 
 def even_times(time: Array, rate: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Two results: even times (N,) [s] if the given times are rounded even ones, else the given times; and notes.
+    """Two results: the times (N,) [s], made even if they are even times that were rounded; and notes.
 
     At 240 Hz, times with three decimals have steps of 4 and 5 ms, which would cause false accelerations. Times count as
     rounded if all of them agree with even times to their number of decimals, or to the step of a coarser clock.

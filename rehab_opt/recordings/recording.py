@@ -298,7 +298,7 @@ def _spikes(time: Array, points: Array, jumps: NDArray[np.bool_]) -> NDArray[np.
 
 
 def _jumps(time: Array, points: Array) -> NDArray[np.bool_]:
-    """Flags (N - 1,) of jumps: steps far from what the velocity before, the velocity after and their mean predict."""
+    """Flags (N - 1,) of jumps: steps that neither the velocity before, nor that after, nor their mean explains."""
     steps, hops = np.diff(time), np.diff(points, axis=0)
     velocity = np.pad(hops / steps[:, None], ((1, 1), (0, 0)), mode="reflect")
     before, after = velocity[:-2], velocity[2:]

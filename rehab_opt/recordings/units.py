@@ -108,7 +108,7 @@ class Reading:
         return next((known_unit(unit) for unit in self.units or () if known_unit(unit) in KINDS[kind]), None)
 
     def counted(self, kind: str) -> float | None:
-        """Factor from raw numbers without a unit to SI units [m, s], as the user states; None if not stated."""
+        """Factor that the user states from raw numbers without a unit to SI units [m, s]; None if not stated."""
         unit, one = self.stated(kind), {"length": self.count_mm, "time": self.tick_ms}.get(kind)
         return KINDS[kind][unit] if unit is not None else None if one is None else 1e-3 * one
 

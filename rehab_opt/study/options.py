@@ -84,7 +84,7 @@ def destination(
 
 
 def session_of(person: str | None, name: str | None, covariates: Mapping[str, str]) -> tuple[Session, str | None]:
-    """Session and condition from texts; empty covariates count as not given.
+    """Two results: the session and the condition that the texts describe; an empty covariate means none.
 
     Raises
     ------

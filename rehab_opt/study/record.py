@@ -139,7 +139,7 @@ def _samples(of: Recording) -> dict[str, Array]:
 
 
 def versions() -> str:
-    """Version of rehab_opt, and a digest of its source and of the numerical libraries' versions."""
+    """Text with the version of rehab_opt and one digest of its source and the numerical libraries' versions."""
     return f"rehab_opt {__version__} {software_digest()}"
 
 
@@ -175,7 +175,7 @@ def _named(key: str, value: float) -> tuple[str, float, str]:
 
 
 def _bounds(numbers: Mapping[str, float]) -> Iterator[Bound]:
-    """Bounds of a trial: `x_max_u` with `x_limit_u` for a quantity x in the unit u, and fractions of a limit."""
+    """Bounds in metrics: from keys `x_max_u` and `x_limit_u` (quantity x, unit u), or from a fraction of a limit."""
     for key, value in numbers.items():
         name, _, unit = key.rpartition("_max_")
         limit = numbers.get(f"{name}_limit_{unit}")

@@ -71,7 +71,6 @@ class Study(Index):
         super().__init__(folder)
 
     def __enter__(self) -> Self:
-        """Return the study itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -208,7 +207,6 @@ def _agreed(file: Path, facts: Mapping[str, Any], who: str) -> dict[str, Any]:
 
 
 def _table(columns: Mapping[str, Any]) -> bytes:
-    """Samples as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

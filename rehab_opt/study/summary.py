@@ -168,8 +168,8 @@ def session_means(
 ) -> dict[Quantity, list[SessionMean]]:
     """Means of measures over the trials of each session and condition, in the order of the sessions.
 
-    Unfinished trials, and values outside the interval that `ends` returns for a measure, do not count. Only for a
-    single person, `values` has the values of the trials.
+    Unfinished trials, and values outside the interval that `ends` returns for a measure, do not count. The
+    `values` are empty unless `person` is stated.
     """
     of, who = _of_person(person)
     question = (
@@ -208,7 +208,7 @@ def of_people(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
-    """Slope per session of the least-squares line through each person's sessions, for people with two or more."""
+    """Each person's least-squares slope per session; people with a single session are left out."""
     by_person = grouped(means, lambda each: each.person)
     found = {
         person: _slope([each.order for each in own], [each.mean for each in own]) for person, own in by_person.items()
@@ -217,9 +217,9 @@ def slopes(means: Iterable[SessionMean]) -> dict[str, float]:
 
 
 def extreme(study: Study, measure: Quantity, ends: tuple[float, float], *, largest: bool, person: str | None) -> Any:
-    """Finished trial with the largest or smallest value of a measure inside the interval `ends`; None if there is none.
+    """Finished trial with the largest or smallest value of a measure; values outside `ends` do not count.
 
-    The row has person, session, day, number of the trial, condition and value.
+    The row has person, session, day, number of the trial, condition and value; None without such a trial.
     """
     of, who = _of_person(person)
     question = (  # beside max or min, SQLite returns the other columns of the same row

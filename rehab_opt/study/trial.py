@@ -83,7 +83,6 @@ class Session:
     date: str | None = None
 
     def __post_init__(self) -> None:
-        """Check all values."""
         for argument, label in (("person", self.person), ("session", self.name)):
             bad = FORBIDDEN & set(checked_label(argument, label)) or label[0] == "." or label[-1] == "." or label in OWN
             if bad or len(label.encode()) > LONGEST_FOLDER:
@@ -106,7 +105,7 @@ class Session:
 
 @dataclass(frozen=True)
 class Trial:
-    """A finished trial.
+    """A trial with its measures, inputs and samples.
 
     Parameters
     ----------
