@@ -89,7 +89,7 @@ def motion_metrics(
 def excesses(robot: MobileArm, drive: DriveName, trace: Trace, dt: float, room: Sequence[Obstacle]) -> dict[str, Array]:
     """Excess (N,) over each kind of limit, for every tick of `dt` [s]; negative while the limit is satisfied.
 
-    Accelerations are differences between successive velocities; the chair's velocity is in the chair frame.
+    Accelerations are difference quotients of successive velocities; the chair's velocity is in the chair frame.
     """
     chain, wheels, own = robot.chain, robot.drive(drive), trace["command"]
     ahead = trace["joint"] + trace["_world"] * dt
