@@ -55,9 +55,7 @@ class ArmPath(NamedTuple):
 
 
 def arm_path(arm: SerialChain, grip: Array, tools: Array, *, dt: float, seed: int = 0) -> ArmPath:
-    """Plan postures of `arm` along tool poses (N, 4, 4), `dt` [s] apart, with the tool at the pose `grip` (4, 4) in the
-    hand.
-    """
+    """Plan postures of `arm` along tool poses (N, 4, 4), `dt` [s] apart; `grip` (4, 4): the tool's pose in the hand."""
     moves = Postures(replace(arm, tool=arm.tool @ grip))
     knots = np.unique(np.linspace(0, len(tools) - 1, KNOTS).astype(int))
     best = np.zeros((len(knots), arm.n))

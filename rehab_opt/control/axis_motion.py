@@ -19,10 +19,7 @@ MAX_AXES = 10_000
 
 
 class AxisBounds(NamedTuple):
-    """Bounds (n,) on position [u], velocity [u/s], acceleration [u/s^2] and jerk [u/s^3] of n independent axes.
-
-    The unit u is rad or m.
-    """
+    """Bounds (n,) on position [u], velocity [u/s], acceleration [u/s^2] and jerk [u/s^3] of n axes; u is rad or m."""
 
     lower: list[float]
     upper: list[float]

@@ -78,10 +78,7 @@ def part_way(a: ca.SX, b: ca.SX, fraction: ca.SX) -> ca.SX:
 
 
 def calm_way(a: ca.SX, b: ca.SX, least: ca.SX, *, linear_speed: float, angular_speed: float) -> tuple[ca.SX, ca.SX]:
-    """Duration [s], at least `least`, and constant twist (6,) of a motion from pose a (12,) to pose b (12,).
-
-    The twist is within both speed limits.
-    """
+    """Duration [s] of a motion between poses (12,), at least `least`, and its twist (6,) within both speed limits."""
     one, other = _by_rows(a), _by_rows(b)
     shift, turn = other[:3, 3] - one[:3, 3], _turn(one[:3, :3], other[:3, :3])
     seconds = ca.fmax(ca.fmax(ca.norm_2(shift) / linear_speed, ca.norm_2(turn) / angular_speed), least)

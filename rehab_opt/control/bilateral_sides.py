@@ -200,9 +200,7 @@ class HelperSide(OneThread):
 
     @property
     def partner(self) -> Array:
-        """Last received hand position (2,) [m] of the participant, mapped to the helper's workspace by Newton's method;
-        NaN before the first message.
-        """
+        """Participant's last received hand position (2,) [m] in the helper's workspace; NaN before any message."""
         return self.workspace_map.preimage(_floats(*self._partner))
 
     def step(

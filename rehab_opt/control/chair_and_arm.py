@@ -1,7 +1,7 @@
 """QP of chair and arm for one set of task rows: Honzik's Eq. 1 with bounds.
 
-The QP is feasible in every tick, since a velocity c satisfies all rows: that after one tick in which all joints brake
-together as hard as possible. This braking satisfies the acceleration limits and does not change the stop posture z.
+The QP is feasible in every tick: all rows hold at c, the velocity after one tick in which all joints brake together as
+hard as possible. This braking satisfies the acceleration limits and does not change the stop posture z.
 Every bound holds at z and on the way to z. The task rows hold with the slack variable off = |e|.
 """
 
@@ -147,18 +147,14 @@ class ChairAndArm(VelocityController):
         return self.limits.limits(tick, q, last, surroundings, gives_way=gives_way)
 
     def _acceleration_limited(self, last: ca.SX, limits: Limits, moving: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Velocity intervals within the acceleration limits, widened to include braking; those of `limits` if no motion
-        is commanded.
-        """
+        """Intervals of `limits`; with a command also within the accelerations, widened to include braking."""
         change = self.limits.braking.change
         lower = ca.fmax(limits.lower, ca.fmin(last - change, limits.base))
         upper = ca.fmin(limits.upper, ca.fmax(last + change, limits.base))
         return ca.if_else(moving, lower, limits.lower), ca.if_else(moving, upper, limits.upper)
 
     def _calm(self, last: ca.SX, task: Task, limits: Limits, ends: tuple[ca.SX, ca.SX]) -> ca.SX:
-        """Analytic answer (n,), blended with braking in proportion to its violation of a bound or of the intervals
-        `ends`.
-        """
+        """Analytic answer (n,), blended with braking the more it violates a bound or the intervals `ends`."""
         u, change = ca.SX.sym("u", self.chain.n), self.limits.braking.change
         finite = all_true(ca.fabs(task.analytic) <= MAX_MAGNITUDE)  # not at a singular posture
         analytic = ca.if_else(finite, task.analytic, 0)
@@ -246,9 +242,7 @@ class ChairAndArm(VelocityController):
         return self.stated.instance(*inputs, memory=memory[: self._memory_size].copy())
 
     def going_on(self) -> ca.Function:
-        """Function: own state, memory of another set of rows up to the command, `judged_memory` -> own state that
-        continues from there.
-        """
+        """Function: own state, memory of another row set, `judged_memory` -> own state that continues from there."""
         size, n, command_slice = self.stated.state_size, self.chain.n, self.command_slice
         ours, own = ca.SX.sym("ours", size + self.judged.size), ca.SX.sym("own", self.judged.size)
         theirs, memory = ca.SX.sym("theirs", command_slice.stop), ours[self.memory_at : size]

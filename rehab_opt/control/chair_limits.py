@@ -230,7 +230,6 @@ class ChairLimits:
 
     @cached_property
     def _first_kept(self) -> ca.Function:
-        """Function: q, surroundings, u (n,), braking (n,) -> velocity (n,), see `PostureLimits.first_kept`."""
         own, n, obstacles = self.own, self.robot.chain.n, NUMBERS * self.max_obstacles
         sizes = (("q", n), ("surroundings", obstacles + own.moving_size), ("u", n))
         q, around, u = inputs = [ca.MX.sym(name, size) for name, size in sizes]
@@ -275,9 +274,6 @@ class ChairLimits:
 
 
 def _reached(last: ca.SX, change: ca.DM, base: ca.SX, ends: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Interval of the velocities inside the interval `ends` that differ from `last` by at most `change`.
-
-    The interval is widened to include the velocity `base`.
-    """
+    """Velocities inside `ends` that differ from `last` by at most `change`; the interval also includes `base`."""
     lower, upper = (clipped(end, *ends) for end in (last - change, last + change))
     return ca.fmin(lower, base), ca.fmax(upper, base)

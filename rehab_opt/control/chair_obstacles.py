@@ -38,8 +38,8 @@ TIGHTER = 1e-7
 class ChairObstacles:
     """QP rows on the chair's velocity (3,), in the chassis frame, for one obstacle from `obstacle_numbers`.
 
-    `column` holds `ROWS` rows. The upper bound [m/s] of a row is the closing speed that the row allows in addition to
-    that of the braking chair. A wall has two rows for each of the chair's two corners nearest to it: one at the current
+    `column` holds `ROWS` rows. The upper bound [m/s] of a row is the closing speed that it allows beyond that
+    of the braking chair. A wall has two rows for each of the chair's two corners nearest to it: one at the current
     posture, one on the way to the stop posture. A post has one row for the point of the outline that is now nearest to
     it. Two more rows cover the path of the post relative to the braking chair: half-way, and at the stop posture.
 
@@ -55,7 +55,7 @@ class ChairObstacles:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """Function: obstacle (4,), chair position (3,), last command (3,) -> `column`, or `far` for a distant one."""
+        """Function: obstacle (4,), chair position (3,), last command (3,) -> `column`; `far` if it is distant."""
         tick, one, place, last = (
             Stages(),
             ca.SX.sym("one", NUMBERS),
@@ -169,10 +169,7 @@ class ChairObstacles:
         return rows
 
     def _past(self, each: ObstacleRows, slower: ca.SX, margin: ca.SX) -> list[ca.SX]:
-        """Two columns (8,) for a post, each with two rows.
-
-        The first column holds the rows now and half-way to rest, the second an empty row and that at the stop posture.
-        """
+        """Rows for a post as columns (8,): now and half-way to rest; an empty row and the row at the stop posture."""
         centre, radius = each.post[:2], each.post[2]
         far, towards = _post(each.post, self.outline)
         now = ca.vertcat(towards, ca.fmax(far - margin, 0) / self.braking.time - ca.dot(towards, slower))
@@ -186,9 +183,7 @@ class ChairObstacles:
         return columns
 
     def _beside(self, each: ObstacleRows, slower: ca.SX) -> ca.SX:
-        """Normal (2,) of the line that separates the outline from a post's path with the largest gap (search of Gilbert
-        et al.).
-        """
+        """Normal (2,) of the line that best separates the outline from a post's path (search of Gilbert et al.)."""
         centre, radius = each.post[:2], each.post[2]
         way = [_seen(centre, slower, part * self.braking.time) for part in (0.0, *ALONG)]
         points = ca.horzcat(*(ca.DM(corner) - place for place in way for corner in self.outline.corners))
@@ -214,9 +209,7 @@ class ChairObstacles:
     def _approached(
         self, gap_after: Callable[[ca.SX, float], tuple[ca.SX, ca.SX]], slower: ca.SX, margin: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """Two results: a column (8,) with one row now and one on the way to rest, each with its upper bound [m/s]; and
-        the least gap [m].
-        """
+        """Two results: a column (8,) of two rows with bounds [m/s], now and on the way to rest; the least gap [m]."""
         time = self.braking.time
         least, now = gap_after(slower, 0.0)
         first = ca.vertcat(now, ca.fmax(least - margin, 0) / time - ca.dot(now, slower))
@@ -234,9 +227,7 @@ def _each(obstacles: ca.SX) -> list[ca.SX]:
 
 
 def _corner(wall: ca.SX, corner: Array, velocity: ca.SX, time: float) -> tuple[ca.SX, ca.SX]:
-    """Two results after a time [s] on an arc: the gap [m] between a corner (2,) and a wall, and the derivative (3,) of
-    the closing speed by the velocity.
-    """
+    """Two results after `time` [s] on an arc: gap [m] of a corner to a wall; derivative (3,) of the closing speed."""
     u = ca.SX.sym("u", CHAIR)
     mean = ca.dot(wall[:2], mean_velocity(corner, u, time))
     speed, closing = ca.substitute([mean, ca.jacobian(mean, u).T], [u], [velocity])
@@ -260,9 +251,7 @@ def _seen(place: ca.SX, velocity: ca.SX, time: float) -> ca.SX:
 
 
 def _post(post: ca.SX, outline: Outline) -> tuple[ca.SX, ca.SX]:
-    """Two results: the gap [m] between outline and post, negative inside, and the derivative (3,) of the closing speed
-    by the chassis velocity.
-    """
+    """Two results: gap [m] between outline and post, negative inside; derivative (3,) of the closing speed."""
     x, y = post[0], post[1]
     normal = ca.vertcat(*outward_normal(outline, x, y))
     gap = ca.dot(normal, post[:2]) - ca.mmax(ca.DM(outline.corners) @ normal) - post[2]

@@ -99,9 +99,7 @@ class ClearancePairs:
 
     @cached_property
     def names(self) -> tuple[tuple[str, str], ...]:
-        """Names of both bodies of every pair, in the order of `distances`; every moving end of a link makes a pair with
-        every plane.
-        """
+        """Names of both bodies of each pair, as in `distances`; a plane makes a pair with each moving link end."""
         given, links = self.clearance, self.chain.capsules
         others = [*(each.name for each in given.capsules), *(f"moving {i}" for i in range(given.moving))]
         free = [links[i].name for i in self.free]
@@ -163,10 +161,9 @@ class ClearancePairs:
         return ca.Function("nearest", [q, last, told, time], [ca.vertcat(column, ca.mmin(self.distances(q, told, 0)))])
 
     def read(self, column: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Split a column of `nearest` into distances, slopes and rates.
+        """Split a column of `nearest` into distances minus margin (k,), their slopes by q (k, n), and rates (k,).
 
-        The distances (k,) are those minus the margin, the slopes (k, n) are their derivatives by q, and the rates (k,)
-        are their changes per second by the bodies' own motion.
+        The rates are the changes of the distances per second by the bodies' own motion.
         """
         k = self.max_contacts
         return column[:k], ca.reshape(column[2 * k : -1], k, self.chain.n), column[k : 2 * k]
@@ -232,7 +229,7 @@ class ClearancePairs:
 
     @cached_property
     def _told(self) -> tuple[Array, Array]:
-        """Flags (4, pairs) for each kind, one per end of the two bodies: 0 if the pair of a thicker body covers it."""
+        """Flags (4, pairs) of both bodies' ends, for each kind; 0 for an end that the pair of a thicker body covers."""
         bodies = [("link", i) for i in self.free], [("body", i) for i, _ in enumerate(self.clearance.capsules)]
         moving = [("moving", i) for i in range(self.clearance.moving)]
         pairs = [(("link", i), ("link", j)) for i, j in self.linked]

@@ -59,7 +59,7 @@ class Approach(NamedTuple):
 
 
 def ball_above(centre: ca.SX, normal: ca.DM, offset: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Height [m] of a ball's centre (3,) along a half-space's normal, minus `offset`; and the contact (8,)."""
+    """Two results: height [m] of a ball's centre (3,) above the plane normal . p = `offset`; the contact (8,)."""
     height = ca.dot(normal, centre) - offset
     return height, ca.vertcat(height, normal, ca.cross(centre, normal), 0)
 
@@ -209,9 +209,7 @@ def capsule_and_box(
 
 
 def _way_out(start: ca.SX, stop: ca.SX, half: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Three results for a segment that cuts a box: direction (3,) to the nearest face; length [m] of the shortest
-    translation out of the box; end (3,) of the segment that leaves the box last.
-    """
+    """Three results: direction (3,) to the box's nearest face; length [m] of the way out; end (3,) that leaves last."""
     middle, along = (start + stop) / 2, stop - start
     faces = half + ca.fabs(along) / 2 - ca.fabs(middle)
     depth, direction, place = faces[0], ca.SX.zeros(3), ca.SX.zeros(3)

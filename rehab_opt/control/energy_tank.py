@@ -118,7 +118,7 @@ class EnergyTank:
         return ca.mmax(ca.vertcat(each[0], *(ca.if_else(acts[i], each[i], each[0]) for i in range(1, self._slots))))
 
     def _sent(self, force: ca.SX, seconds: ca.SX, at_most: ca.SX) -> EnergyTank:
-        """Add a force (2,), commanded for `seconds`, or for `at_most` [s] at most, to the newest slot or a new one."""
+        """Add a force (2,), commanded for `seconds` (at the longest, `at_most`), to the newest slot or a new one."""
         now, x, y = self.numbers, force[0], force[1]
         impulse = ca.norm_2(force) * ca.fmin(at_most, self._window)
         fits = now.seconds[0] < self._window / max(self._slots - 2, 1)  # so that all slots exceed the window

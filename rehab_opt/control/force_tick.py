@@ -275,7 +275,7 @@ def hear(slots: int) -> ca.Function:
 
 @cache
 def say(slots: int) -> ca.Function:
-    """Function: first the inputs of `give`, then `VIEW` and `NUMBERS` -> `watched_record`, `NUMBERS`, `MESSAGE`."""
+    """Function that writes a side's next message, with energy from its tank; the first inputs are those of `give`."""
     energies, view, numbers = give(slots).sx_in(), VIEW.symbols("view"), NUMBERS.symbols("numbers")
     after, energy = give(slots)(*energies)
     place, serial = ca.if_else(view.reason == 0, view.x, math.nan), numbers.said + 1

@@ -2,9 +2,9 @@
 
     led' = command + PULL e,    e = part of (measured - led) outside [low, high],
 
-Here led is the commanded position, which delay and noise do not disturb. [low, high] is the range that led covered in
-the past LATE to 2 LATE seconds, relative to the present value of led, and low-passed. A servo with a delay or lag of up
-to LATE keeps its joint in this range; at rest the range has zero width.
+Here led is the commanded position, which delay and noise do not disturb. [low, high] is the low-passed range of led
+over the past LATE to 2 LATE seconds, relative to its present value. A servo with a delay or lag of up to LATE keeps its
+joint in this range; at rest the range has zero width.
 """
 
 from __future__ import annotations

@@ -27,9 +27,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class HandBounds:
-    """Limits of one arm: a manipulability floor, as a fraction of `max_manipulability`, and keep-out planes for the
-    `guarded_points`.
-    """
+    """Limits of one arm: a manipulability floor (see `max_manipulability`), and planes for `guarded_points`."""
 
     chain: SerialChain
     floor: float
@@ -100,7 +98,7 @@ class GuardedPoint(NamedTuple):
 
 
 def guarded_points(chain: SerialChain) -> tuple[GuardedPoint, ...]:
-    """Balls that represent the whole arm beside a plane: if the balls are clear of the plane, so is the arm.
+    """Balls that stand for the whole arm: if they are all clear of a plane, so is the arm.
 
     The balls are the ends of the capsules, and the origins of all frames; those of the tool come first. A ball that
     lies inside another one is left out.

@@ -83,9 +83,7 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True)
 class HandTask:
-    """Expressions of one tick for one set of task rows of `ChairAndArm`; the chair's velocities are in the chassis
-    frame.
-    """
+    """Expressions of one tick for one set of task rows; the chair's velocities are in the chassis frame."""
 
     robot: MobileArm
     rows: tuple[str, ...]
@@ -180,10 +178,7 @@ class HandTask:
         self, tick: Stages, q: ca.SX, last: ca.SX, direction: ca.SX, size: ca.SX, *, left: ca.SX, world: ca.SX,
         base: ca.SX, braking: BrakingTogether,
     ) -> Row:  # fmt: skip
-        """Rows (k, n) of the hand's velocity J(z) u at the stop posture z = q + T u, with bounds (k,).
-
-        The rows are linearised at the velocity after one tick of braking.
-        """
+        """Rows (k, n) and bounds of the hand's velocity at the stop posture, linearised after a tick of braking."""
         slower, each = braking.slower(last), ca.SX.sym("u", last.numel())
         place = q + braking.time * each
         heading = ca.if_else(world, place[2], 0)

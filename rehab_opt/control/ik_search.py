@@ -77,7 +77,7 @@ class IKSearch:
 
     # ----------------------------------------------------------------------------------------------- statements
     def pose_posture(self, target: Array, quadratic: Quadratic) -> None:
-        """Set the posture problem: put the hand at `target` (3,) [m] at least cost; `quadratic` covers all n joints."""
+        """Set the posture problem: least cost with the hand at `target` (3,) [m]; `quadratic` covers all n joints."""
         self._target[:] = target
         if quadratic is not self._quadratic:
             weight = quadratic.weight[self.free]
@@ -273,10 +273,7 @@ class PostureTable:
         self._keep(np.ones(len(postures), dtype=bool), postures, np.concatenate([self.hands, hands]))
 
     def near(self, target: Array, count: int) -> tuple[Array, Array]:
-        """The `count` postures (count, k) whose hands are nearest to `target` (3,), and their distances [m].
-
-        The nearest posture comes first. There are fewer postures if the table has fewer.
-        """
+        """At most `count` postures (count, k) whose hands are nearest to `target`, nearest first; distances [m]."""
         count = min(count, len(self.postures))
         if count == 0:
             return self.postures, np.zeros(0)

@@ -117,9 +117,7 @@ class JerkBounds(NamedTuple):
         )
 
     def towards(self, last: ca.SX, lower: ca.SX, upper: ca.SX, unconstrained: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Interval from which no joint overshoots its unconstrained velocity, although ending an acceleration takes
-        time.
-        """
+        """Interval from which no joint overshoots its unconstrained velocity while its acceleration ends."""
         slower = last <= unconstrained
         most = ca.if_else(slower, clipped(self._up_to(last, unconstrained), lower, upper), upper)
         least = ca.if_else(slower, lower, clipped(-self._up_to(-last, -unconstrained), lower, upper))
@@ -133,9 +131,7 @@ class JerkBounds(NamedTuple):
         return ca.if_else(room >= 0, last + dt * change, ceiling)
 
     def _before(self, q: ca.SX, last: ca.SX, limit: ca.DM, first: ca.SX, final: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Two results (n,): the largest velocity in the interval from `first` to `final` from which the joint stops
-        before `limit`; whether it does so from the whole interval.
-        """
+        """Largest velocity (n,) from `first` to `final` that can stop before `limit`, and whether all of these can."""
         near = clipped(q, limit - MARGIN * self._jerk * self.dt**3, limit)  # a joint at rest within the margin may stay
 
         def beyond(u: ca.SX) -> ca.SX:

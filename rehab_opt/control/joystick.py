@@ -62,8 +62,8 @@ class Joystick(OneThread):
     """Convert stick deflections to hand velocities in one of several modes.
 
     A round dead zone suppresses tremor; beyond it the speed grows from zero. The deflection follows the stick at
-    `rate`; a released stick stops at once, within the resolver's accelerations. At the beginning, after a change of
-    mode and after a fault, the stick must first return to the centre.
+    `rate`; a released stick stops the hand at once, within the resolver's accelerations. At the beginning, after a
+    change of mode and after a fault, the stick must first return to the centre.
 
     Parameters
     ----------

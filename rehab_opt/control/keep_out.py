@@ -86,18 +86,12 @@ class ArmKeepOuts:
         return clearance > 1.01 * self.robot.reach * self.dt * ca.sum1(ca.fabs(u[CHAIR:])) + TINY
 
     def no_deeper(self, arm: ca.SX, u: ca.SX) -> ca.SX:
-        """1 if a tick at velocities u (n,) moves the arm at joints `arm` (k,) neither into a keep-out nor deeper into
-        one.
-        """
+        """1 if a tick at velocities u (n,) moves the arm at `arm` (k,) neither into a keep-out nor deeper into one."""
         return all_true(self._gaps(arm + self.dt * u[CHAIR:]) >= ca.fmin(self._gaps(arm), 0))
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """Function: arm (k,), last (k,) -> table (2 c, k + 1) for c distances.
-
-        A row holds the derivatives of a closing speed by the k joint speeds, and the upper bound [m/s]. The first c
-        rows are for the current posture, the others for the way to rest.
-        """
+        """Function: arm (k,), last (k,) -> slopes and bounds (2 c, k + 1): c rows now, c rows on the way to rest."""
         arm, last = inputs = [ca.SX.sym(name, self.robot.chain.n - CHAIR) for name in ("arm", "last")]
         slower, time = self.braking.slower(last), self.braking.time
         apart = time / len(ALONG)
@@ -141,9 +135,7 @@ class ArmKeepOuts:
 
 
 def _opening(robot: MobileArm, arm: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Two results for c pairs of link and keep-out: derivatives (c, k) [m/rad] of the distances by the k joints, and
-    distances (c,) [m].
-    """
+    """Two results for c pairs of link and keep-out: slopes (c, k) of the distances by the joints; distances (c,)."""
     chain = robot.chain
     frames = chain.frames_expression(ca.vertcat(ca.SX.zeros(CHAIR), arm))
     count = chain.n - CHAIR

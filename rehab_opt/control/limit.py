@@ -79,7 +79,7 @@ class Limit:
         return min(self.at(chain, ca.SX.sym("q", chain.n)).numel(), ROWS)
 
     def nearest(self, chain: SerialChain, q: ca.SX, way: ca.SX, ways: float) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The up to three distances that will be smallest after `ways` times the motion `way` (n,).
+        """At most three distances: those that will be smallest after the motion `way` (n,) is repeated `ways` times.
 
         Return their values at q (n,), their slopes (k, n), and their loss by curvature during one motion `way`.
         """
@@ -417,9 +417,7 @@ class PostureLimits:
         return slopes, free + changes, ca.fmax(distances - SLACK / 2, 0) / self.dt + changes
 
     def _tangents(self, q: ca.SX, last: ca.SX, ways: Sequence[float]) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Three results for the least distances: slopes (m, n), values (m,), and largest error of their tangents in
-        this tick (m,), as a rate.
-        """
+        """Of the least distances: slopes (m, n), values (m,), and error rates (m,) of their tangents in this tick."""
         seconds = self.dt
         found = [one.nearest(self.chain, q, seconds * last, k) for one, k in zip(self.limits, ways, strict=True)]
         least, slopes, lost = (ca.vertcat(*column) for column in zip(*found, strict=True))

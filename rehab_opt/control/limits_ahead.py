@@ -215,7 +215,7 @@ class UserLimits:
         return ca.vertcat(*(each.at(self._chain, q) for each in self._limits))
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
-        """Table (m, 1 + n): the least values of each limit, up to `Limit.count`, each with its gradient by q."""
+        """Table (m, 1 + n): the `Limit.count` least values of each limit, each with its gradient by q."""
         return self._tangents(q, state.last)
 
 
@@ -308,10 +308,7 @@ class Kept(Bound):
         return Rows(ca.SX.zeros(m, n), none, ca.SX.ones(m), none, ca.SX.ones(m))
 
     def rows(self, tick: Stages, state: State, brake: ca.SX, least: ca.SX, most: ca.SX) -> Rows:
-        """Rows for commands from `least` (n,) to `most` (n,), linearised at the command `brake` (n,).
-
-        The command `brake` satisfies the rows.
-        """
+        """Rows for commands from `least` to `most`, linearised at the command `brake` (n,), which satisfies them."""
         one, ticks, found = self._manoeuvre, self._manoeuvre.ticks(state.last), []
         braking = Way(state, brake, further(ca.fmax(ticks - 1, 0)))
         tables = [self._tangents(tick, braking, part) for part in PLACES]
@@ -343,10 +340,7 @@ class Kept(Bound):
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
-        """Upper bounds (m,) of the rows, reduced by the tangents' error at the command u (n,).
-
-        The command `brake` (n,) still satisfies the rows.
-        """
+        """Upper bounds (m,) of the rows, less the tangents' error at u (n,); `brake` (n,) still satisfies them."""
         way = Way(state, u, further(self._manoeuvre.ticks(u)))
         true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)

@@ -51,7 +51,7 @@ class LinearLimit(NamedTuple):
         return self.matrix @ u - self.upper
 
     def beyond(self, u: ca.SX) -> LinearLimit:
-        """Limit on the sum of u (n,) and any velocities that satisfy this limit."""
+        """Limit on u + v for velocities v (n,) that satisfy this limit, with a given u (n,)."""
         return self._replace(upper=self.upper + self.matrix @ u)
 
     def relaxed(self, u: ca.SX) -> LinearLimit:

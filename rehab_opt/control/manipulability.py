@@ -20,7 +20,7 @@ TURN, SLIDE = math.pi, 1.0
 
 
 def maximise_manipulability(chain: SerialChain, *, starts: int = STARTS, seed: int = 0) -> tuple[float, Array]:
-    """Maximum of Yoshikawa's measure within the joint limits, and a posture (n,) that has it.
+    """Maximum of Yoshikawa's measure within the joint limits, and a posture (n,) at which it occurs.
 
     The result is the best of several quasi-Newton ascents from seeded random postures, so it is a lower bound of the
     true maximum. A chain that is singular at every sampled posture raises `ConfigurationError`.

@@ -57,8 +57,8 @@ _JUDGED, _USUAL, _LEADS_TO = GIVEN["judged"], VERDICT["usual"], VERDICT["then"]
 class MirrorTracker(MirrorPreview):
     """Joint velocities for a hand that follows a mirrored path, away from singular postures.
 
-    Each tick is a tick of `PoseTracker`; a clock reads the reference. The limits, which also hold while braking,
-    include w(q) / w_max >= floor and the planes `keep_out`.
+    Each tick tracks, as `PoseTracker` does, the pose that a clock reads from the reference. The limits include
+    w(q) / w_max >= floor and the planes `keep_out`, also while braking.
 
     The clock slows down if the reference is too fast for the hand, as the deviation grows, and if the person pushes.
     Near the largest deviation the clock waits; later it catches up. If a stretch is out of reach, the hand moves along
@@ -223,7 +223,7 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def short(self) -> tuple[float, float]:
-        """[m, rad] Smallest deviation from the reference within reach; `max_deviation`, `max_turn` limit the excess."""
+        """[m, rad] Smallest deviation within reach; `max_deviation` and `max_turn` limit the excess over it."""
         return (0.0, 0.0) if self._live else self._short_by
 
     @property

@@ -102,10 +102,7 @@ class MirrorFollowing(MirrorStatement):
         return self._tracked(here, hand)
 
     def _tracked(self, here: Array, hand: Array, *, previewed: bool = False) -> Command:
-        """One tick along the clock for a tool with pose `here` (4, 4) and twist `hand` (6,).
-
-        If `previewed`, the clock does not catch up.
-        """
+        """One tick along the clock for a tool at pose `here`, twist `hand`; the clock catches up unless `previewed`."""
         clock, limit, memory = self.clock, self._limit, self._memory
         at, samples, entries = clock.now, clock.window.T, here.reshape(-1)
         near = self._tried.of(samples, at, memory, (not previewed, clock.pace), entries)

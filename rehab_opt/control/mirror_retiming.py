@@ -80,9 +80,9 @@ def retimed(tracker: MirrorTracker, plan: MirrorPath, left: Array) -> MirrorPath
 def _passed(
     tracker: MirrorTracker, plan: MirrorPath, left: Array, ways: NDArray[np.int_], slow: Array
 ) -> tuple[MirrorPath, NDArray[np.int_]] | None:
-    """Time the path by Ruckig; return the retimed plan and, for each of its ticks, the corresponding tick of `plan`.
+    """Time the path by Ruckig; return the new plan and, for each of its ticks, the tick of `plan`; None if slower.
 
-    ways, slow : (M,) kind of path, and speed factor, at each tick of `plan`. None if the result is slower than `plan`.
+    ways, slow : (M,) kind of path, and speed factor, at each tick of `plan`.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator  # noqa: PLC0415  (loaded when used)
 
@@ -145,10 +145,7 @@ def _passed(
 
 
 def _hand_speeds(tracker: MirrorTracker, q: Array, velocities: Array) -> Array:
-    """Largest speed of the tool (M,) [m/s] in ticks that start at q (M, n) with joint velocities (M, n).
-
-    The angular speed counts, too, scaled by the ratio of linear to angular speed limit.
-    """
+    """Largest tool speeds (M,) [m/s] in ticks from q (M, n) at `velocities` (M, n); angular speeds count, scaled."""
     chain, dt = tracker.chain, tracker.dt
     at, change = ca.SX.sym("q", chain.n), ca.SX.sym("change", chain.n)
     twists = [chain.jacobian_expression(at + part * dt * change) @ change for part in (0, 1)]

@@ -31,7 +31,7 @@ class MirrorStatement(PoseTracker):
     hand_bounds: HandBounds
 
     def told(self, q: ca.SX, error: ca.SX, twist: ca.SX, command: ca.SX, report: ca.SX) -> ca.SX:
-        """Report of `PoseTracker`; whether the reference may continue at its own pace; w / w_max after the tick.
+        """Report of `PoseTracker`, then whether the reference may keep its pace, and w / w_max after the tick.
 
         The reported scale is 0 for a robot that is blocked and at rest, else 1.
         """

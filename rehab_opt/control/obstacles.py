@@ -127,16 +127,16 @@ def approach(
 ) -> ObstacleRows:  # fmt: skip
     """Rows that keep the chair's outline out of one obstacle for any turn within the tick.
 
-    If the velocity satisfies the rows and `turn`, an outline outside the obstacle stays outside at every instant. An
-    outline inside gets no deeper. Depth is the shortest translation out of the obstacle.
+    If the velocity satisfies the rows and turns no faster than `turn`, an outline outside the obstacle stays outside at
+    every instant. An outline inside gets no deeper. Depth is the shortest translation out of the obstacle.
 
     A disc is replaced by a wall, fixed in the chassis, that touches it. The wall's normal n is the outline's outward
     normal at the point nearest to the disc's centre c. The bound does not jump when another edge becomes the nearest.
 
-    A turn at the rate w moves a corner p off its straight path by at most |p| (w dt)^2/2. If the chair drives an arc,
-    this adds drive |w| dt^2/2 (twice that for c in the chassis frame). With both deviations, the largest allowed speed
-    towards the wall is a concave function of w, not negative at w = 0. The rows are two chords of this function, from
-    w = 0 to the largest turn rate on either side.
+    A turn at the rate w moves a corner p off its straight path by at most |p| (w dt)^2/2. An arc adds
+    drive |w| dt^2/2, or twice that for the centre c in the chassis frame. With both deviations, the largest allowed
+    speed towards the wall is a concave function of w, not negative at w = 0. The rows are two chords of this function,
+    from w = 0 to the largest turn rate on either side.
 
     Parameters
     ----------

@@ -98,10 +98,7 @@ def progress_function() -> ca.Function:
 
 
 def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca.SX, last: ca.SX) -> ca.SX:
-    """Index in `beside`, with a fraction, of the path point nearest to the hand; of equally near points, the last one.
-
-    The search covers `WINDOW`.
-    """
+    """Index in `beside`, with a fraction, of the path point in `WINDOW` nearest to the hand; the last one of equals."""
     best, found = ca.sumsqr(hand - here) + TIE, begin
     for i in reversed(range(BEFORE - NEAR, BEFORE + NEAR + 1)):
         way, off = beside[:, i + 1] - beside[:, i], hand - beside[:, i]
@@ -113,9 +110,9 @@ def _nearest(hand: ca.SX, here: ca.SX, beside: ca.SX, begin: ca.SX, *, first: ca
 
 
 def _other_place(hand: ca.SX, left: ca.SX, beside: ca.SX, *, first: ca.SX, last: ca.SX, width: ca.SX) -> ca.SX:
-    """Sample within a width of the hand, and at least a width from s; the nearest to s along the path.
+    """Path sample nearest to s among those within a width of the hand and at least a width from s; -1 if there is none.
 
-    -1 if there is none, or if the hand is within a width of its old point `left`.
+    Also -1 if the hand is within a width of its old point `left`.
     """
     found = ca.SX(-1)
     for apart in reversed(range(SAMPLES_PER_WIDTH, BEFORE + 1)):

@@ -99,9 +99,7 @@ class Preview:
 
 
 def turns_between(before: Array, after: Array) -> Array:
-    """Rotation vectors (N, 3) [rad], below half a turn, in the base frame, from rotations `before` to `after` (N, 3,
-    3).
-    """
+    """Rotation vectors (N, 3) [rad] in the base frame, below half a turn, from `before` to `after` (N, 3, 3)."""
     skew, sine, angle = _between(before, after)
     return np.asarray(skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None])
 

@@ -97,7 +97,7 @@ class Profiles:
         return True
 
     def stop(self, *, at_any_price: bool = False) -> None:
-        """Stop each axis as fast as its bounds allow, as soon as the stop stays inside the position bounds.
+        """Stop each axis as fast as its bounds allow, once such a stop stays inside the position bounds.
 
         Call this in every tick until all axes are `stopping`. With `at_any_price`, all axes stop at once, also outside.
         """

@@ -92,10 +92,7 @@ class Reaching:
         return self._in_time(smoother.velocity + self._gain * error, q, last, hand, target)
 
     def _in_time(self, twist: Array, q: Array, last: Array, hand: Array, target: Array) -> Array:
-        """Twist (3,), slowed so that the hand takes at least `LATE` from its stopping point to the target.
-
-        At the stopping point the hand comes to rest by the hardest braking from the velocities `last` (n,).
-        """
+        """Twist (3,), slowed so that the hand takes at least `LATE` from the end of hard braking to the target."""
         chain, way = self.robot.chain, target - hand
         seconds = float(np.max(np.abs(last) / chain.acceleration))
         stop, turned = q + seconds / 2 * last, q[2] + seconds / 4 * last[2]  # mean of the chair's motion

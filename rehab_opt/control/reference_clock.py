@@ -84,9 +84,10 @@ class ClockStatement:
         return ca.Function("read", [samples, *given], [ca.vertcat(pose, ca.DM([0, 0, 0, 1])), twist])
 
     def advanced(self, lengths: ca.SX, clock: Values, seconds: ca.SX, goes: ca.SX) -> tuple[ca.SX, Values]:
-        """Two results: number of samples passed in `seconds` of reference time, at most to the newest; the new clock.
+        """Two results: the number of samples passed in `seconds` of reference time, and the new clock.
 
-        `lengths` (window,) [s] are the times between samples. The clock advances only if `goes` is true.
+        `lengths` (window,) [s] are the times between samples. The clock advances only if `goes` is true, and no further
+        than the newest sample.
         """
         passed, fraction, lag, going = ca.SX(0), clock.fraction, clock.lag, goes
         for i in range(self.window - 1):

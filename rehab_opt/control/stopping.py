@@ -189,7 +189,7 @@ class BrakingTogether:
         return slowed_together(velocity, self.change)
 
     def leaves(self, velocity: ca.SX) -> ca.SX:
-        """Largest fraction that may remain, after a tick, of a velocity off the command's direction; see `LATER`."""
+        """Largest fraction of a velocity off the command's direction that may remain after a tick; see `LATER`."""
         return ca.fmin(self._left, 1 - self._part * _taken_away(velocity, self.change))
 
 

@@ -49,7 +49,7 @@ _Branch = Callable[..., list[Any]]
 
 
 class VelocityTick(NamedTuple):
-    """Functions of a tick; a state is that of `fused`, followed by a `judged_memory`."""
+    """Functions of a tick; a state is the state of `fused`, followed by a `judged_memory`."""
 
     judge: ca.Function
     """See `judged_state`."""
@@ -151,9 +151,7 @@ def relaxed_from_rest(own: Values, last: ca.SX, relaxed: ca.SX, hurried: ca.Func
 def _certified(
     record: Record, n: int, size: int, hurried: ca.Function, tolerance: float, *, named: bool
 ) -> ca.Function:
-    """Function: `judged_memory`, velocity (n,), verdict (size,) -> `REPORT`; `left` is `DONE` if the answer is
-    certified.
-    """
+    """Function: `judged_memory`, velocity (n,), verdict -> `REPORT`, whose `left` is `DONE` for a certified answer."""
     column, last, verdict = inputs = _columns(record.size, n, size)
     own, (residual, valid, who, relaxed, scale) = record.parts(column), ca.vertsplit(verdict)[:5]
     meant, blocked = own.reason == 0, scale == 0
