@@ -60,6 +60,7 @@ def read_recording(
     up: str | None = None,
     window_s: Sequence[float] | None = None,
     clean: bool = True,
+    by_trial: bool = False,
     **reading: Any,
 ) -> Recording:
     """Read a recording; the file's suffix selects the format.
@@ -73,6 +74,7 @@ def read_recording(
     up : the recording's axis that points up, such as "y"; the points are rotated so that z points up.
     window_s : window (from, to) [s] after the first sample; samples outside the window are left out.
     clean : whether sensor spikes are removed with `without_spikes`.
+    by_trial : whether the caller checks each trial with `within_reach`, so that one with a wrong unit fails alone.
     reading : further settings, the fields of `Reading`, such as columns, marker and units.
 
     Raises
@@ -101,7 +103,9 @@ def read_recording(
         paced = f"played at {speed:g} of its recorded speed"
         recording = replace(recording, time=recording.time / speed, joints=dict(recording.joints), trials=trials)
         recording = recording.noting(paced)
-    kept = within_reach(without_spikes(recording) if clean else recording)
+    kept = without_spikes(recording) if clean else recording
+    if not (by_trial and kept.trials):
+        kept = within_reach(kept)
     if len(kept.time) < len(recording.time):
         seconds = (len(recording.time) - len(kept.time)) * float(np.median(np.diff(recording.time)))
         kept = kept.noting(f"that leaves out {seconds:.3g} s of {recording.duration:.4g} s")

@@ -320,13 +320,16 @@ def within_reach(recording: Recording) -> Recording:
 
 
 def with_gaps(recording: Recording) -> Recording:
-    """The recording with `gaps` set, and a note on them."""
-    steps = np.diff(recording.time)
+    """The recording with `gaps` set, and a note on them; a pause between two trials is no gap."""
+    begun, ended, steps = recording.time[:-1], recording.time[1:], np.diff(recording.time)
     long = steps > max(LONG_STEP[0], LONG_STEP[1] * float(np.median(steps)))
+    for _, first, last in recording.trials:
+        long &= ~((begun < first) & (ended >= first) | (begun <= last) & (ended > last))
     gaps = tuple((float(recording.time[i]), float(recording.time[i + 1])) for i in np.flatnonzero(long))
     if not gaps:
         return recording
-    longest = f"the longest of {steps.max():.3g} s after {recording.time[steps.argmax()] - recording.time[0]:.3g} s"
+    at = int(np.where(long, steps, 0.0).argmax())
+    longest = f"the longest of {steps[at]:.3g} s after {recording.time[at] - recording.time[0]:.3g} s"
     note = f"gaps bridged by straight lines: {len(gaps)}, {longest}, {steps[long].sum():.3g} s in all"
     return replace(recording, joints=dict(recording.joints), gaps=gaps).noting(note)
 

@@ -25,7 +25,7 @@ from rehab_opt.measures.samples import CUT_OFF_HZ
 from rehab_opt.measures.score import Measure, Score, hand_motion, score
 from rehab_opt.recordings.data_folder import PREFIX, data_file
 from rehab_opt.recordings.reading import read_recording
-from rehab_opt.recordings.recording import Recording, strange_sizes
+from rehab_opt.recordings.recording import Recording, strange_sizes, within_reach
 from rehab_opt.session.arm_keys import GoniometerRange, TableOneRange
 from rehab_opt.session.files import recording_description, schema_error
 from rehab_opt.session.outcome import Array
@@ -158,7 +158,7 @@ def score_recordings(
 def _read(source: Described, *, undescribed: bool) -> Recording:
     file = source.file
     with _options_named(undescribed):
-        recording = read_recording(source.path, name=file, **source.reading)
+        recording = read_recording(source.path, name=file, by_trial=True, **source.reading)
         if recording.points.shape[1] < 2 and not recording.joints:
             expected = "; ".join(("the columns that hold the hand's x and y", *recording.notes))
             raise ProblemFileError(file, "recording.columns", source.reading.get("columns"), expected)
@@ -214,7 +214,7 @@ def _trials(
     for name, first, last in recording.trials or (("", -math.inf, math.inf),):
         kept = (recording.time >= first) & (recording.time <= last)
         try:
-            piece = replace(recording, trials=(), joints=dict(recording.joints)).part(kept)
+            piece = within_reach(replace(recording, trials=(), joints=dict(recording.joints)).part(kept))
             parts = [piece] if pause is None else trials_between_pauses(piece, pause=pause, **how)
         except ProblemFileError as refused:
             if not name:
@@ -319,7 +319,8 @@ def _refused(recording: Recording, where: str = "") -> Iterator[None]:
     except ConfigurationError as refused:
         if refused.argument in ("cutoff_hz", "threshold", "target"):
             raise
-        expected = "; ".join((refused.expected, *strange_sizes(recording)))
+        sizes = () if refused.argument == "time" else strange_sizes(recording)  # too few samples have no size
+        expected = "; ".join((refused.expected, *sizes))
         raise ProblemFileError(recording.file, f"{where}{refused.argument}", refused.value, expected) from refused
 
 

@@ -253,6 +253,17 @@ def in_trials(*names: str, again: bool, spoil: Callable[[int, Array], Array] = l
 
 def test_a_trial_that_cannot_be_measured_is_named_and_the_others_are_written(written: Write) -> None:
     gone, short = (lambda n, points: points * np.nan if n == 1 else points), lambda n, p: p[:1] if n == 1 else p
+    few, far = (lambda n, p: p[:2] if n == 1 else p), lambda n, p: 1e3 * p if n == 1 else p
+    for spoil, key, expected in ((few, "time", "at least 10"), (far, "sample 1, y, after 0 s", "at most 10 m")):
+        path = str(written("a.csv", in_trials("go", "bad", "end", again=True, spoil=spoil)))
+        scored = score_recordings([path], reading={"trials": "trial"})
+        assert {row.trial for row in scored.rows} == {"go", "end"}
+        (refused,) = scored.refused
+        assert refused.key == f"trial bad, {key}"
+        assert refused.expected.startswith(expected)
+        assert "does not move" not in refused.expected
+    with pytest.raises(ProblemFileError, match="at most 10 m"):
+        read_recording(Path(path), trials="trial")  # a run follows the whole path
     for again in (False, True):
         for spoil in (gone, short):
             path = str(written("a.csv", in_trials("go", "bad", "end", again=again, spoil=spoil)))
@@ -275,6 +286,17 @@ def test_times_that_start_again_in_each_trial_are_those_of_trials(written: Write
     assert [row.trial for row in on.rows] == [row.trial for row in again.rows]
     np.testing.assert_allclose([row.value for row in again.rows], [row.value for row in on.rows], rtol=1e-6, atol=1e-9)
     assert any("times that start again: 2" in note for note in again.notes)
+    assert not any("gap" in note for note in (*on.notes, *again.notes))
+
+
+def test_a_gap_within_a_trial_is_noted_and_the_pause_between_trials_is_not(written: Write) -> None:
+    def lost(_: int, points: Array) -> Array:
+        points[60:80] = np.nan
+        return points
+
+    read = read_recording(written("a.csv", in_trials("p", "q", again=True, spoil=lost)), trials="trial")
+    assert [round(end - begin, 6) for begin, end in read.gaps] == [0.21, 0.21]
+    assert any(note.startswith("gaps bridged by straight lines: 2, the longest of 0.21 s") for note in read.notes)
 
 
 # -------------------- clocks
