@@ -23,7 +23,7 @@ SOLVERS = VELOCITY_SOLVERS
 
 
 def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
-    """Content of every file by its name; `problem` describes the origin of the controller."""
+    """Text of every file by file name; `problem` describes the origin of the controller."""
     functions = exported.generated
     code = generated(functions)
     values = _values(exported, code, problem)
@@ -48,7 +48,6 @@ def files_of(exported: ExportedController, *, problem: str) -> dict[str, str]:
 
 
 def _effort(solves: int) -> str:
-    """Text on the largest number of QP iterations in a tick."""
     if not solves:
         return "A tick solves no QP by iterations: the answer has a closed form."
     most = max(STEPS, QRQP_ITERATIONS)
@@ -57,7 +56,6 @@ def _effort(solves: int) -> str:
 
 
 def _values(exported: ExportedController, code: Generated, problem: str) -> dict[str, str]:
-    """Values that replace the names in the templates."""
     shape, recording = exported.shape(), exported.recording
     arguments, results, reals = max(code.arguments, 3), max(code.results, 3), max(code.reals, 1)
     return {

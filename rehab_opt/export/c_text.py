@@ -20,7 +20,7 @@ __all__ = ["Evaluated", "comment", "filled", "indented", "initialiser", "layout"
 
 
 def number(value: float) -> str:
-    """A C literal that is read as exactly this number."""
+    """C literal that a compiler reads as exactly this number."""
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -29,12 +29,12 @@ def number(value: float) -> str:
 
 
 def initialiser(values: Iterable[float]) -> str:
-    """C initialiser {a, b, c} of these numbers."""
+    """C initialiser {a, b, c} of the values."""
     return "{" + ", ".join(number(value) for value in values) + "}"
 
 
 def layout(name: str, places: Mapping[str, slice]) -> str:
-    """C constants with the offsets and sizes of a record's numbers."""
+    """C constants for a record: offset and size of each of its parts."""
     found = {each: place.start for each, place in places.items()} | {"size": max(at.stop for at in places.values())}
     return ", ".join(f"{name.upper()}_{each.upper()} = {at}" for each, at in found.items())
 
@@ -46,14 +46,14 @@ def comment(text: str) -> str:
 
 
 def indented(lines: Iterable[str]) -> str:
-    """Lines as the body of a C block."""
+    """The lines, indented as in the body of a C block."""
     return "\n".join(f"    {line}" for line in lines)
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """Text of the template `template`.in, or of the part of that name in parts.in, with its names replaced.
+    """Text of a template, with names replaced by `values` and without an empty line at its end.
 
-    The text has no empty line at its end.
+    The template is the file `template`.in or, if it exists, the section of that name in parts.in.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def filled(template: str, values: Mapping[str, str]) -> str:
 
 @cache
 def _parts() -> dict[str, str]:
-    """Short parts of parts.in, by the name in the line above each part."""
+    """Sections of parts.in by name; the line above each section names it."""
     parts = re.split(r"^=== (.*)\n", _read("parts"), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 

@@ -81,7 +81,7 @@ def export_c(
 
 
 def written_files(places: Mapping[Path, ExportedController], folder: Path, *, problem: str) -> tuple[Path, ...]:
-    """Write every controller into `folder` or a folder in it: all files or none.
+    """Write the files of every controller into `folder` or its subfolders: either all of them or none.
 
     Raises
     ------
@@ -114,5 +114,4 @@ def written_files(places: Mapping[Path, ExportedController], folder: Path, *, pr
 
 
 def _exported_before(place: Path) -> bool:
-    """Whether a folder has an earlier export, whose files may be replaced."""
     return any(MARK in header.read_text(encoding="utf-8", errors="replace") for header in place.glob("rehab_*.h"))

@@ -58,22 +58,22 @@ class Law:
 
     @property
     def state(self) -> int:
-        """Number of values in the state between ticks."""
+        """Number of values that the controller keeps from tick to tick."""
         return self.controller.stated.state_size + self.controller.judged.size
 
     @property
     def reported(self) -> int:
-        """Number of values in the statement's report."""
+        """Number of values in the report of the controller's QP."""
         return int(self.controller.stated.report.numel())
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the tick, the fallback command, the reset, and `more`."""
+        """CasADi functions for the tick, the fallback command and the reset, and those in `more`."""
         of = self.controller
         pairs = {"tick": of.functions.tick, "finish": of.functions.finish, "begin": of.beginning()}
         return [renamed(function, f"{self.name}_{what}") for what, function in (pairs | dict(self.more)).items()]
 
     def row(self) -> str:
-        """C initialiser of the controller's `law_shape`."""
+        """C initialiser of the controller's `law_shape`, the struct with its sizes and functions."""
         controller, n, own_at = self.controller, self.controller.chain.n, self.controller.stated.state_size
         memory_at = own_at - int(controller.stated.memory.numel())
         command_slice, wheels = controller.command_slice or slice(n), controller.wheels or slice(0, 0)
@@ -133,7 +133,7 @@ class ExportedController(ABC):
 
     @property
     def bytes(self) -> int:
-        """Upper bound of the struct's size, at most 1 kB too large."""
+        """Upper bound of the C struct's size in bytes; it exceeds the true size by at most 1 kB."""
         functions = self.generated
         work = (max(3, *(each.sz_arg() for each in functions)), max(3, *(each.sz_res() for each in functions)))
         numbers = max(each.sz_iw() for each in functions) + max(1, *(each.sz_w() for each in functions))
@@ -141,16 +141,16 @@ class ExportedController(ABC):
 
     @abstractmethod
     def functions(self) -> list[ca.Function]:
-        """All generated functions, with unique names."""
+        """All CasADi functions that become C code, with unique names."""
 
     @cached_property
     def generated(self) -> list[ca.Function]:
-        """`functions`, cached, because they take as long to make as the controller."""
+        """`functions()`, cached because making them takes as long as making the controller."""
         return self.functions()
 
     @abstractmethod
     def shape(self) -> dict[str, str]:
-        """Template values of the core; the value `numbers` is the number of doubles in the controller's memory."""
+        """Values for the templates of the core; `numbers` is the number of doubles in the controller's memory."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,7 +171,7 @@ class ExportedVelocity(ExportedController):
     laws: Sequence[Law]
 
     def __post_init__(self) -> None:
-        """Check that a command has enough values."""
+        """Raise an error if the robot has more joints than a command in C can hold."""
         for law in self.laws:
             if law.controller.chain.n > MAX_VALUES:
                 raise ConfigurationError("chain", law.controller.chain.n, f"at most {MAX_VALUES} joints, as C has")
@@ -182,7 +182,7 @@ class ExportedVelocity(ExportedController):
         return self.laws[0].controller.dt
 
     def limits(self) -> list[str]:
-        """Limits of each joint's position, speed, acceleration and jerk, and of the hand's speeds."""
+        """Text lines with each joint's limits of position, speed, acceleration and jerk, and the hand's."""
         first = self.laws[0].controller
         chain = first.chain
         bounds = {name: getattr(chain, name) for name in ("lower", "upper", "velocity", "acceleration")}
@@ -199,11 +199,11 @@ class ExportedVelocity(ExportedController):
         return lines
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the QP controllers."""
+        """CasADi functions of all QP controllers."""
         return [function for law in self.laws for function in law.functions()]
 
     def shape(self) -> dict[str, str]:
-        """Template values: sizes, limits and the table of the controllers."""
+        """Values for the templates: sizes, limits and the table of the QP controllers."""
         laws, first = self.laws, self.laws[0].controller
         chain, wheels = first.chain, first.wheels
         sizes = {

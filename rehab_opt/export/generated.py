@@ -56,7 +56,7 @@ class Generated(NamedTuple):
 
 
 def generated(functions: Sequence[ca.Function]) -> Generated:
-    """C code of all functions, each static with its own name.
+    """C code of all functions; each function is static and has its own name.
 
     An output may have the same memory as an input. The sizes of scratch memory are those of the virtual machine; the
     code needs no more. They include the additional integers of `optim/qrqp.py`, because qrqp writes one too many.
@@ -92,7 +92,7 @@ def generated(functions: Sequence[ca.Function]) -> Generated:
 
 
 def _writes_last(code: str) -> bool:
-    """Whether every function of the interface reads all inputs before it writes an output."""
+    """Whether every exported function reads all its inputs before it writes any output."""
     called = re.findall(r"return (casadi_f\d+)\(arg, res, iw, w, mem\)", code)
     bodies = (code.partition(f"static int {each}(")[2].partition("\n}")[0] for each in called)
     return bool(called) and not any(re.search(r"\b(arg|wr)\d*\b", body.partition(" res[")[2]) for body in bodies)
@@ -116,6 +116,6 @@ def _each_once(code: str) -> str:
 
 
 def renamed(function: ca.Function, name: str) -> ca.Function:
-    """The function with a unique name in its file."""
+    """The same function under another name, which must be unique in its C file."""
     inputs = [ca.MX.sym(f"input_{i}", function.sparsity_in(i)) for i in range(function.n_in())]
     return ca.Function(name, inputs, function.call(inputs))

@@ -40,7 +40,7 @@ Run = Sequence[Mapping[str, Any]]
 def exported_object(
     controller: object, *, run: Run | None, memory: int | None, progress: Progress
 ) -> Sequence[ExportedController]:
-    """The controller, or its sides, with the run that C must repeat; arguments as in `export_c.export_c`."""
+    """A controller made in Python for export, with the run that C must repeat; arguments as in `export_c.export_c`."""
     title, of = type(controller).__name__, "a run that was given" if run is not None else "a random run"
     if isinstance(controller, MirrorTracker):
         ticks = random_runs.mirror_reference(controller) if run is None else _poses(controller, run)
@@ -78,7 +78,7 @@ def exported_object(
 
 # ------------------------------------------------------------ ticks with arguments of `step` -> ticks of a recorded run
 def _told(run: Run) -> Sequence[tuple[str, Mapping[str, Any]]]:
-    """The ticks of the run, each with the name that error messages use for it."""
+    """The ticks of a run that a caller gave, each with its name in error messages, such as run[3]."""
     if not (isinstance(run, Sequence) and run and all(isinstance(tick, Mapping) for tick in run)):
         raise ConfigurationError("run", run, "a list of at least one tick, each a dict of what `step` takes")
     return [(f"run[{k}]", tick) for k, tick in enumerate(run)]
@@ -91,7 +91,7 @@ def _numbers(where: str, tick: Mapping[str, Any], name: str, shape: tuple[int, .
 
 
 def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: PostureLimits) -> dict[str, Array]:
-    """Moving capsules of a tick, for a controller with such obstacles."""
+    """Moving capsules of a tick as `obstacles`; empty if the controller allows none."""
     given = tick.get(name)
     if given is None and not limits.moving:
         return {}
@@ -108,7 +108,7 @@ def _poses(tracker: PoseTracker | MirrorTracker, run: Run) -> list[dict[str, Any
 
 
 def _sticks(resolver: RedundancyResolver, run: Run) -> list[dict[str, Any]]:
-    """Ticks with rows and frame as numbers, and twists padded to the largest size."""
+    """Inputs of each tick as numbers, with every twist padded to the size of the largest one."""
     ticks, widest = [], max(map(len, resolver.row_sets))
     for where, tick in _told(run):
         rows = checked_rows(tick.get("rows", ("x", "y", "z")), f"{where}['rows']")

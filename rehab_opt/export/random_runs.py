@@ -71,7 +71,7 @@ def mirror_reference(tracker: MirrorTracker) -> Ticks:
 
 
 def resolver_run(resolver: RedundancyResolver) -> Ticks:
-    """Ticks with twists for every set of rows, in both frames, up to twice the robot's speed; it moves as commanded."""
+    """Ticks with twists in every set of rows and both frames, up to twice the robot's speed; it moves as commanded."""
     rng, chain, most = np.random.default_rng(0), resolver.robot.chain, resolver.limits.moving
     widest = max(map(len, resolver.row_sets))
     resolver.reset()
@@ -99,7 +99,7 @@ def hand_run(region: Workspace, dt: float) -> Array:
 
 
 def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any]]:
-    """Hand positions (N, 2) [m] of helper and participant, who follows; and the messages that each of them receives."""
+    """Hand positions (N, 2) [m] of a helper and a participant who follows, and the messages that each side gets."""
     workspace_map = pair.helper.workspace_map
     hands = hand_run(workspace_map.source, pair.dt)
     drawn = np.array([workspace_map.image(hand) for hand in hands])
@@ -114,12 +114,12 @@ def pair_run(pair: Bilateral) -> tuple[Array, Array, Sequence[Any], Sequence[Any
 
 
 def middle(lower: Array, upper: Array) -> Array:
-    """(n,) middle of the joint ranges; infinite limits are replaced by `WIDEST`."""
+    """(n,) middle of each joint's range; `WIDEST` replaces an infinite limit."""
     return np.asarray((np.maximum(lower, -WIDEST) + np.minimum(upper, WIDEST)) / 2)
 
 
 def best_posture(controller: VelocityController, rng: np.random.Generator) -> Array:
-    """(n,) the random posture with the largest distance from singularity."""
+    """(n,) among random postures, the one with the largest manipulability."""
     chain = controller.chain
     centre = middle(chain.lower, chain.upper)
     half = np.minimum((chain.upper - chain.lower) / 2, WIDEST)

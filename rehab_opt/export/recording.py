@@ -65,7 +65,7 @@ class Run:
     more: Sequence[Sequence[float]]
 
     def fields(self) -> str:
-        """Members of the C struct of one tick."""
+        """Members of the C struct that holds one recorded tick."""
         lines = []
         for name, value in self.ticks[0].items():
             kind = "int" if isinstance(value, int) else "double"
@@ -105,7 +105,7 @@ class Run:
 
 
 class Joints:
-    """A robot's joints in a recorded run; they move as commanded, with `encoder_noise`.
+    """A robot's joints in a recorded run: they move as commanded, and their encoders have `encoder_noise`.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Joints:
         self._noise, self._q, self._seen = encoder_noise(ticks, start.size), start.copy(), start.copy()
 
     def seen(self, told: Array) -> Array:
-        """Positions `told` (n,), where entries equal to `start` are replaced by this tick's encoder values."""
+        """Joint positions for the controller: `told` (n,), with entries equal to `start` replaced by encoder values."""
         if self._tick < len(self._noise):
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)
@@ -138,7 +138,7 @@ def recorded(
     more: Callable[[], Sequence[float]] = tuple,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Run:
-    """Run with the commands of `step` for every tick, and the outputs of `more` after each.
+    """Call `step` in every tick and record its command; `more` gives further outputs to record after each tick.
 
     In ticks whose q is the start of `joints`, the encoder values of `joints` replace q.
     """
@@ -155,7 +155,7 @@ def recorded(
 
 
 def thinned(count: int) -> NDArray[np.intp]:
-    """Indices of the ticks, out of `count`, that a recorded run keeps: all, or every second, third and so on."""
+    """Indices of the ticks that a recorded run keeps out of `count`: all of them, or every second, third and so on."""
     return np.arange(0, count, -(-count // MAX_TICKS))
 
 
@@ -167,10 +167,9 @@ def encoder_noise(ticks: int, joints: int) -> Array:
 
 
 def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joints, RunTick]:
-    """Three results: the run with the first positions in every tick; the `Joints` of the run; the fastest tick.
+    """Three results: a run whose ticks all have the first tick's q; its `Joints`; the tick with the fastest joint.
 
-    The joints move as commanded, and their encoder values replace the first positions, see `recorded`. In the fastest
-    tick a joint is faster than in any other.
+    The joints move as commanded, and `recorded` replaces each q by their encoder values.
     """
     fastest = run[int(np.argmax(np.abs(np.diff([each["q"] for each in run], axis=0)).max(axis=1)))]
     start = run[0]["q"]
@@ -181,7 +180,7 @@ def encoders(run: Sequence[RunTick], *, dt: float) -> tuple[list[RunTick], Joint
 def with_faults(
     ticks: Sequence[RunTick], *, dt: float, max_age: float, more: Sequence[Callable[[RunTick], RunTick]] = ()
 ) -> list[RunTick]:
-    """The given ticks with all kinds of faults put among them, and with generated stamps.
+    """The given ticks with generated stamps, some of them with a fault of each kind.
 
     Parameters
     ----------
@@ -213,13 +212,13 @@ def with_faults(
 
 
 def standing(ticks: Sequence[RunTick], moving: RunTick, *, dt: float) -> list[RunTick]:
-    """Ticks that follow `ticks`: for `STANDS` the tick `moving` with frozen encoders, then with `enable` released."""
+    """Ticks that follow `ticks`: the tick `moving` with frozen encoders for `STANDS`, then with `enable` released."""
     last, count = ticks[-1]["stamp"], math.ceil(STANDS / dt)
     return [{**moving, "enable": int(k <= count), "stamp": float(last + k * dt)} for k in range(1, count + count // 2)]
 
 
 def about_run(ticks: int, of: str) -> str:
-    """Description of the faults from `with_faults` and `standing`."""
+    """Text on a run's origin and on the faults from `with_faults` and `standing`."""
     return (
         f"{ticks} ticks of {of}, with faults among them: numbers that are none, stamps that are wrong, the enable "
         "input released, encoders that stand still; encoders with noise of 0.1 mrad in the second half"
@@ -227,7 +226,7 @@ def about_run(ticks: int, of: str) -> str:
 
 
 def _element(name: str, index: int, value: float) -> Callable[[RunTick], RunTick]:
-    """Function that replaces one number of an input."""
+    """Function that replaces one number in the input `name` of a tick."""
 
     def replaced(tick: RunTick) -> RunTick:
         array = np.array(tick[name])
@@ -242,7 +241,7 @@ def _wheels(command: Command) -> Array:
 
 
 def _said(command: Command) -> tuple[int, ...]:
-    """Status, relaxed bounds, reason and notes as numbers of C."""
+    """Status, relaxed bounds, reason and notes of a command, as the numbers that C uses."""
     reason = command.reason
     return STATUSES[command.status], int(command.relaxed), reason_number(reason), notes_of(reason)
 

@@ -1,4 +1,4 @@
-"""Samples of a field from its paths: merged if there are many, and continued beyond the ends if the field rests."""
+"""Make the samples of a field from its paths: merge them if they are many, and continue paths if the field rests."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def assembled(
     target: Array | None,
     most: int = MOST,
 ) -> Samples:
-    """Samples of a field; they are linear in each path's `offsets` (m,) [J] and `stiffness` (m, 2) [N/m].
+    """Samples of a field; its energy is linear in `offsets` (m,) [J] and `stiffness` (m, 2) [N/m] of each path.
 
-    `target` is the field's `rest_point`, or None for the published field, which is not continued.
+    `target` is the field's `rest_point`, or None for the published field, whose paths are not continued.
     """
     own = [
         Samples.of_path(path.points, offset, stiff)

@@ -49,7 +49,7 @@ class PathEnd(NamedTuple):
 
 
 def at_rest(samples: Samples, target: Array, width: float) -> Samples:
-    """`samples` joined with their even reflection through `target` (2,), so that the force there is zero."""
+    """`samples` and their mirror images through `target` (2,), so that the force at the target is zero."""
     mirrored = reflected(samples, PathEnd(target, None, held=True), width)
     if not len(mirrored.points):
         return samples
@@ -65,7 +65,7 @@ def at_rest(samples: Samples, target: Array, width: float) -> Samples:
 
 
 def reflected(samples: Samples, end: PathEnd, width: float) -> Samples:
-    """Reflections through `end` of `samples`, whose `lean` must be zero."""
+    """`samples` near `end`, mirrored through it; the `lean` of `samples` must be zero."""
     distance = np.linalg.norm(samples.points - end.point, axis=1)
     near = samples.taken((distance <= REACH * width) & (distance > SAME * width))
     away = end.point - near.points  # positions of the reflections relative to the end

@@ -55,7 +55,7 @@ class Demonstration:
     times: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check, and complete the velocities."""
+        """Check all arguments, and compute the velocities if they are missing."""
         (positions,) = checked_paths([self.positions], "positions")
         if len(positions) < 3:
             raise ConfigurationError("positions", f"{len(positions)} samples", "at least three")
@@ -124,7 +124,7 @@ def check_units(demonstrations: Sequence[Demonstration]) -> None:
 
 
 def check_agreement(demonstrations: Sequence[Demonstration], paths: Sequence[Array] | None, width: float) -> None:
-    """Raise an error for a demonstration that runs backwards along `paths` (N, 2) [m] or the first demonstration.
+    """Raise an error if a demonstration runs backwards along `paths` (N, 2) [m] or, without paths, along the first one.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def check_agreement(demonstrations: Sequence[Demonstration], paths: Sequence[Arr
 
 
 def check_closeness(demonstrations: Sequence[Demonstration], paths: Sequence[Array], width: float) -> None:
-    """Raise an error for a demonstration that lies mostly further than `width` [m] from all paths (m, 2) [m].
+    """Raise an error if most samples of a demonstration are further than `width` [m] from all paths (m, 2) [m].
 
     Raises
     ------

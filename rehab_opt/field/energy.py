@@ -85,7 +85,7 @@ def stiffness_at(samples: Samples, width: float, point: NDArray[np.float64]) -> 
 
 
 def arranged_samples(samples: Samples, *, compile: Compile = None) -> tuple[NDArray[np.float64], bool]:
-    """Two results: table of the samples; True if it is for `field_function_in_blocks`, False for `field_function`."""
+    """Two results: table of the samples; whether it is for `field_function_in_blocks` or for `field_function`."""
     if how(compile) == "no":  # CasADi's virtual machine is fast with few operations on long columns
         return field_table(samples)[: len(samples.points)], False
     return field_table(samples).T, True
@@ -132,7 +132,7 @@ def field_function_in_blocks(size: int) -> ca.Function:
 
 
 def _terms(x: Any, sample: list[Any], sharpness: Any) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:
-    """Exponent, phi, d and lean + S d of one sample, or of columns of samples."""
+    """Exponent of the weight, phi, d, and lean + S d: for one sample, or for columns of samples."""
     at_x, at_y, offset, log_weight, stiff_x, stiff_y, lean_x, lean_y = sample
     away_x, away_y = x[0] - at_x, x[1] - at_y
     half_x, half_y = stiff_x * away_x / 2, stiff_y * away_y / 2
@@ -143,7 +143,7 @@ def _terms(x: Any, sample: list[Any], sharpness: Any) -> tuple[Any, Any, tuple[A
 
 
 def _answer(sums: list[Any], sharpness: Any) -> list[Any]:
-    """Energy and force from the sums of omega times 1, phi, phi d, d, and lean + S d."""
+    """Energy and force from sums over the samples: of omega, and of omega times phi, phi d, d, and lean + S d."""
     total, weighted, energy_x, energy_y, away_x, away_y, pull_x, pull_y = sums
     energy = weighted / total
     force_x = (sharpness * (energy_x - energy * away_x) - pull_x) / total
@@ -152,7 +152,7 @@ def _answer(sums: list[Any], sharpness: Any) -> list[Any]:
 
 
 def filled_up(table: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """(size, 8) table of samples, padded with samples without weight."""
+    """The table of samples, extended to (size, 8) by rows whose weight is zero."""
     extra = np.zeros((size - len(table), 8))
     extra[:, 3] = ABSENT
     return np.vstack((table, extra))

@@ -63,7 +63,7 @@ class Fit(NamedTuple):
 
 
 class Identified(NamedTuple):
-    """Identifiability of parameters from data."""
+    """Which parameters the data determine, and how accurately."""
 
     singular_values: Array
     condition: float
@@ -72,13 +72,13 @@ class Identified(NamedTuple):
 
 
 def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequence[int]) -> Identified:
-    """Identifiability from a regression matrix `design` (rows, n) and its residuals `errors` (rows,) [N].
+    """Which parameters data determine: `design` (rows, n) is the regression matrix, `errors` (rows,) [N] its residuals.
 
     `lengths` are the numbers of rows of the demonstrations.
 
     Hands sway for tenths of a second, so the errors of neighbouring samples are correlated. Each demonstration is
     therefore cut into parts; errors are correlated within a part and independent between parts (Liang and Zeger,
-    Biometrika 1986). The result is the larger of this standard error and that for independent samples.
+    Biometrika 1986). The standard error is the larger of this estimate and that for independent samples.
     """
     sizes = np.linalg.norm(design, axis=0)
     silent = sizes <= 1e-12 * sizes.max(initial=1e-300)
@@ -109,7 +109,10 @@ def rms(vectors: Array) -> float:
 
 
 def constant_stiffness_error(path: Array, training: Sequence[Demonstration], tested: Sequence[Demonstration]) -> float:
-    """[N] rms error on `tested` of F = S (nearest point of `path` (m, 2) - x) - D v, fitted to `training`."""
+    """[N] rms error of a plain spring and damper, fitted to `training`, in `tested`.
+
+    Its force is F = S (nearest point of `path` (m, 2) - x) - D v.
+    """
 
     def design(parts: Sequence[Demonstration]) -> tuple[Array, Array]:
         x = np.concatenate([part.positions for part in parts])

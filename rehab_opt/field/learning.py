@@ -42,7 +42,7 @@ solver returns 1e-12 N/m, and noise a little more.)"""
 
 
 class Solution(NamedTuple):
-    """Solution of one QP."""
+    """Certified solution of one fit."""
 
     parameters: Array
     solver: str
@@ -62,12 +62,12 @@ class FitProblem(NamedTuple):
 
     @property
     def unit(self) -> Array:
-        """(n,) scale of each parameter: with this value it alone gives forces of the recorded size."""
+        """(n,) scale of each parameter: with this value it alone gives forces as large as the recorded ones."""
         size = np.sqrt((self.design**2).mean(axis=0) / max(float((self.forces**2).mean()), 1e-12))
         return np.asarray(1 / np.maximum(np.where(size > 1e-12 * size.max(), size, size.max()), 1e-12))
 
     def solved(self, solvers: Sequence[str]) -> Solution:
-        """Solution of the QP in scaled units."""
+        """Solve the QP in scaled units, with the first of the `solvers` whose answer is certified."""
         design, forces, along = self
         n, m, unit = design.shape[1], len(along), self.unit
         mean_square = max(float((forces**2).mean()), 1e-12)
@@ -189,7 +189,7 @@ def _error(field: PotentialField) -> float:
 
 
 def force_columns(paths: Sequence[SampledPath], width: float, points: Array, *, rest_on_target: bool) -> Array:
-    """(N, 2, 3) [N] forces at points (N, 2) if one parameter of `NAMES` is one and the others zero; zero for D."""
+    """(N, 2, 3) [N] forces at points (N, 2) per unit of each parameter of `NAMES`; zero for the damping D."""
     target = rest_point(paths, "remaining", width) if rest_on_target else None
     forces = np.zeros((len(points), 2, len(NAMES)))
     for column, (stiffness, drag) in enumerate(((1.0, 0.0), (0.0, 1.0))):
@@ -254,7 +254,7 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
 
 
 def _along_path(task: Task, paths: Sequence[SampledPath], width: float) -> Array:
-    """(m, 3) [N] forces along the path at its samples if one parameter of `NAMES` is one and the others zero."""
+    """(m, 3) [N] components along the path of the forces at its samples, per unit of each parameter of `NAMES`."""
     points = np.concatenate([path.points for path in paths])
     tangents = np.concatenate([path.tangents for path in paths])
     ends = np.array([path.points[-1] for path in paths])

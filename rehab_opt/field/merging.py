@@ -24,9 +24,9 @@ used, else the smallest."""
 
 
 def merged(samples: Samples, width: float, most: int = MOST) -> Samples:
-    """Merge more than `most` samples in the smallest cells that leave about `most` or fewer.
+    """Merge samples into at most `most`, or more if even the coarsest cells leave more.
 
-    Their `lean` must be zero.
+    The cells are the smallest ones that suffice. The `lean` of the samples must be zero.
     """
     if len(samples.points) <= most:
         return samples
@@ -47,7 +47,7 @@ def merged(samples: Samples, width: float, most: int = MOST) -> Samples:
 
 
 def _cells(points: Array, side: float) -> NDArray[np.int64]:
-    """(N,) number of the cell of each point, counted from 0."""
+    """(N,) index of the cell that contains each point."""
     cell = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
     group: NDArray[np.int64] = np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1], return_inverse=True)[1]
     return group.reshape(-1)

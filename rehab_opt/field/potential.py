@@ -118,7 +118,7 @@ class PotentialField:
         rest_on_target: bool = True,
         compile: Compile = None,
     ) -> PotentialField:
-        """Field from `offsets` phi_0 (m,) [J] and `stiffness` S (m, 2) [N/m] of each path; its `drag` is NaN.
+        """Make a field from `offsets` phi_0 (m,) [J] and `stiffness` S (m, 2) [N/m] of each path; its `drag` is NaN.
 
         The force at the target is zero; `rests` says whether the target is a minimum of the energy.
         """
@@ -129,7 +129,10 @@ class PotentialField:
 
     @classmethod
     def learn(cls, demonstrations: Sequence[Any], **options: Any) -> PotentialField:
-        """The field that reproduces recorded forces; see `learnt_field` for options. Its `fit` has the errors."""
+        """Learn the field that reproduces recorded forces; `learnt_field` explains the options.
+
+        The `fit` of the field has the errors.
+        """
         from rehab_opt.field.learning import learnt_field  # noqa: PLC0415  (solvers load when something is learnt)
 
         return learnt_field(demonstrations, **options)
@@ -164,12 +167,12 @@ class PotentialField:
 
     @property
     def rest_stiffness(self) -> float:
-        """[N/m] least curvature of the energy at the target over all directions; NaN without a target."""
+        """[N/m] smallest curvature of the energy at the target in any direction; NaN without a target."""
         return math.nan if self.target is None else float(np.linalg.eigvalsh(self.stiffness(self.target))[0])
 
     @property
     def rests(self) -> bool:
-        """Whether the target is a minimum of the energy, to rounding."""
+        """Whether the target is a minimum of the energy, apart from rounding."""
         return self.rest_stiffness >= -FLAT * max(1.0, float(self.samples.stiffness.max()))
 
     def __repr__(self) -> str:

@@ -60,16 +60,16 @@ class Samples(NamedTuple):
         return cls(points, offsets, stiffness, np.zeros(len(points)), np.zeros_like(points))
 
     def joined(self, other: Samples) -> Samples:
-        """These samples followed by `other`."""
+        """Two sets of samples as one: these, then `other`."""
         return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     def taken(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
-        """The samples with these row numbers."""
+        """The samples in these rows."""
         return Samples(*(column[rows] for column in self))
 
 
 class SampledPath(NamedTuple):
-    """One path, spread evenly by arc length."""
+    """One path as evenly spaced points, with the length from each point to the end."""
 
     points: Array
     """(m, 2) [m] first to last."""
@@ -144,14 +144,14 @@ def resampled_path(points: Array, spacing: float, argument: str = "spacing") -> 
 
 
 def interpolated(points: Array, values: Array, along: Array) -> Array:
-    """Interpolate `values` (N, k) at the points (N, 2) of a path to the lengths `along` (m,) [m]."""
+    """Values at the lengths `along` (m,) [m] of a path, interpolated between `values` (N, k) at its points (N, 2)."""
     length = arc_length(points)
     moving = np.concatenate(([True], np.diff(length) > 0))
     return np.column_stack([np.interp(along, length[moving], column) for column in values[moving].T])
 
 
 def strides(points: Array, step: float) -> Array:
-    """(m, 2) subset of `points` (N, 2) at distances above `step` [m]; the first and the last point are kept."""
+    """Subset (m, 2) of `points` (N, 2) with neighbours more than `step` [m] apart; first and last points are kept."""
     kept, last = [0], points[0].tolist()
     for i, (x, y) in enumerate(points.tolist()):
         if math.hypot(x - last[0], y - last[1]) > step:

@@ -54,7 +54,7 @@ def fitting_damping(stiffness: float) -> float:
 def crossover(
     stiffness: float, damping: float, *, mass: float, delay: float, lag: float, velocity_lag: float
 ) -> Crossover:
-    """Crossover of the module's loop; S [N/m], D [N s/m], m [kg], and times [s]."""
+    """Crossover frequency and phase margin of the module's loop, for S [N/m], D [N s/m], mass [kg] and times [s]."""
 
     def spring(w: float) -> complex:
         return stiffness + damping * 1j * w / (1.0 + 0.5 * velocity_lag * 1j * w) ** 2
@@ -88,7 +88,7 @@ def settling_notes(
     lag: float,
     velocity_lag: float,
 ) -> Iterator[str]:
-    """Notes on parameters that let the hand oscillate, with a better value for each.
+    """Notes on parameters with which the hand can oscillate; each names a better value.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def settling_notes(
 
 
 def _better(stiffness: float, **times: float) -> str:
-    """Text with a sufficient damping or, if there is none, with the largest stiffness for which there is one."""
+    """Advice as text: a sufficient damping or, if there is none, the largest stiffness that comes to rest."""
 
     def margin(of: float) -> float:
         return min(crossover(of, fitting_damping(of), mass=mass, **times).margin for mass in (LIGHT, HEAVY))

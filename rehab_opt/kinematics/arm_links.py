@@ -27,7 +27,7 @@ LOOKED_AT, REFINED = 1000, 3
 
 
 class LinkEnd(NamedTuple):
-    """Point of a link."""
+    """End point of a link."""
 
     frame: int
     """Frame number as in `LinkCapsule`: joints 1 to `frame` move the point."""
@@ -52,7 +52,7 @@ class ArmLink(NamedTuple):
 
 
 def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = True) -> tuple[ArmLink, ...]:
-    """Capsules of the links after joint `first`; a chain without capsules gets one from each joint to the next.
+    """Capsules of the links after joint `first`; if the chain has none, segments from each joint to the next.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def arm_links(chain: SerialChain, *, first: int, radius: float, moved: bool = Tr
 
 
 def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str) -> tuple[LinkCapsule, ...]:
-    """Each link as a capsule in the frame of its far end, in which its near end is at rest."""
+    """Each link as a capsule with both ends in the frame of its far end; its near end must not move in that frame."""
     frames = chain.frames_expression(ca.SX.zeros(chain.n))
     found = []
     for i, (begin, end, radius) in enumerate(links):
@@ -89,7 +89,7 @@ def links_as_capsules(chain: SerialChain, links: tuple[ArmLink, ...], name: str)
 
 
 def arm_reach(chain: SerialChain, links: tuple[ArmLink, ...], *, first: int) -> float:
-    """[m] upper bound of the distance between any joint axis of the arm and any point of its links or tool."""
+    """[m] upper bound of the distance between any joint axis of the arm and any point of its links or its tool."""
     before, *others = chain.rows[first:]
     beside = [math.hypot(*end.offset) for link in links for end in (link.begin, link.end)]
     beside.append(float(np.linalg.norm(chain.tool[:3, 3])))
@@ -133,7 +133,7 @@ def maximise_hand_volume(chain: SerialChain, *, first: int) -> float:
 
 
 def _places(chain: SerialChain, ends: list[LinkEnd], first: int) -> Array:
-    """Positions [m] of the `ends` at random postures, (ends, postures, 3); the joints before `first` are at zero."""
+    """(ends, postures, 3) [m] positions of `ends` at random postures; the joints before `first` are at zero."""
     q = ca.SX.sym("q", chain.n)
     frames = chain.frames_expression(q)
     function = ca.Function("places", [q], [ca.horzcat(*(end.place(frames) for end in ends))])
@@ -146,7 +146,7 @@ def _moved(chain: SerialChain, ends: list[LinkEnd], first: int) -> list[bool]:
 
 
 def _moves_hand(chain: SerialChain, first: int) -> NDArray[np.bool_]:
-    """For each joint after `first`: whether it moves the tool's origin at some posture."""
+    """Whether each joint after `first` moves the tool's origin at some posture."""
     jacobians = np.array([chain.jacobian(q)[:3, first:] for q in _drawn(chain, first)])
     moves: NDArray[np.bool_] = np.abs(jacobians).max(axis=(0, 1)) > SAME
     return moves

@@ -357,7 +357,7 @@ class SerialChain(HasEvaluator):
         return ca.horzcat(*columns)
 
     def _moves_amid(self, q: ca.SX) -> ca.SX:
-        """(6, n) geometric Jacobian for `manipulability`; with six or more joints, in the frame of the middle link.
+        """(6, n) geometric Jacobian for `manipulability`; if n >= 6, in the frame of the middle link.
 
         det(J J^T) is the same in every frame, and the middle frame needs a fifth of the operations. With fewer than six
         joints, det(J^T J) depends on the frame.
@@ -378,7 +378,7 @@ class SerialChain(HasEvaluator):
 
 
 def _lengths(rows: Sequence[ChainRow], lower: Array, upper: Array) -> float:
-    """[m] sum of all link lengths, with prismatic joints at their limits; at most `LONGEST`."""
+    """[m] sum of all link lengths with prismatic joints extended to their limits; `LONGEST` if the sum is larger."""
     slides = np.where([row.prismatic for row in rows], np.maximum(np.abs(lower), np.abs(upper)), 0.0)
     total = sum(
         math.hypot(row.across, abs(row.along) + slide) for row, slide in zip(rows, slides.tolist(), strict=True)

@@ -73,7 +73,7 @@ class DH(NamedTuple):
 
 
 def checked_rows(rows: object) -> tuple[ChainRow, ...]:
-    """The rows, checked: at least one link or row, of finite numbers; raises `ConfigurationError` otherwise."""
+    """The rows, after a check that there is at least one and all numbers are finite; else `ConfigurationError`."""
     if not isinstance(rows, Sequence) or not rows:
         raise ConfigurationError("rows", rows, "at least one Denavit-Hartenberg row or Link")
     checked: list[ChainRow] = []

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 class ChassisMotion(NamedTuple):
-    """Chassis motion that fits given wheel speeds with the least slip."""
+    """Chassis motion that fits measured wheel speeds with the least slip."""
 
     twist: Array
     """(3,) forward [m/s], left [m/s], turn [rad/s, counterclockwise from above] in the chassis frame."""
@@ -81,7 +81,7 @@ class Drive(ABC):
         return self.radius * rows, np.full(len(rows), self.radius * self.limit if len(rows) else 0.0)
 
     def wheel_speeds(self, twist: ArrayLike) -> Array:
-        """(w,) wheel speeds [rad/s] for a chassis twist (3,): forward, left [m/s], turn [rad/s]."""
+        """(w,) [rad/s] wheel speeds for a chassis twist (3,): forward [m/s], left [m/s], turn [rad/s]."""
         return np.asarray(self.rolling @ per_joint("twist", twist, 3))
 
     def wheel_speeds_expression(self, twist: ca.SX) -> ca.SX:
@@ -118,7 +118,7 @@ class Omnidirectional(Drive):
         return np.eye(3)
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """The commanded twist, without slip."""
+        """The wheel speeds of this base are its twist, so the slip is zero."""
         return ChassisMotion(per_joint("wheels", wheels, 3), 0.0)
 
 
@@ -131,11 +131,11 @@ class Fixed(Drive):
 
     @property
     def rolling(self) -> Array:
-        """(0, 3): there are no wheels."""
+        """Empty matrix (0, 3), because this base has no wheels."""
         return np.zeros((0, 3))
 
     def motion(self, wheels: ArrayLike) -> ChassisMotion:
-        """Zero twist and zero slip."""
+        """Zero twist and zero slip, because this base does not move."""
         return ChassisMotion(np.zeros(3), 0.0)
 
 

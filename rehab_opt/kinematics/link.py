@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 class ChainRow(Protocol):
-    """Interface of one link of a chain."""
+    """Interface of one link of a chain, `DH` or `Link`."""
 
     @property
     def prismatic(self) -> bool:
@@ -124,7 +124,7 @@ def pose_before(row: ChainRow, value: ca.SX) -> ca.SX:
 
 
 def product(left: ca.SX, right: ca.SX) -> ca.SX:
-    """Product of two poses; zeros and ones vanish from the expression."""
+    """Product of two poses; zeros and ones in them cost no operations."""
     return ca.sparsify(left) @ ca.sparsify(right)
 
 

@@ -46,7 +46,7 @@ class CapsuleOnLink(NamedTuple):
 
 
 def checked_capsules(capsules: object, frames: int) -> tuple[LinkCapsule, ...]:
-    """The capsules, checked: finite numbers, frame below `frames`; raises `ConfigurationError` otherwise."""
+    """The capsules; `ConfigurationError` if a number is not finite or a frame is not below `frames`."""
     if not isinstance(capsules, Sequence):
         raise ConfigurationError("capsules", capsules, "a list or tuple of LinkCapsule")
     checked = []

@@ -119,7 +119,7 @@ def measured_path(times: Array, points: Array) -> MeasuredPath:
 
 
 def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
-    """(M,) [s] times of the points (M, n) in `rows` (M,): the logged ones or, if smoother, those of a steady clock."""
+    """(M,) [s] times of the samples in `rows` (M,): the logged ones, or a steady clock's if these are smoother."""
     own, even = times[rows], _averaged(rows.astype(np.float64))
     if np.abs(even - rows).max() > np.diff(rows, prepend=-1).min() + 0.5:
         return own
@@ -128,7 +128,7 @@ def _clock(times: Array, rows: NDArray[np.intp], points: Array) -> Array:
 
 
 def _faster(times: Array, points: Array) -> Array:
-    """Times (N,) [s], corrected for samples that a slow logger lost, if the motion then is much steadier.
+    """Times (N,) [s], corrected where a slow logger lost samples, if that makes the motion much steadier.
 
     If a step is twice as fast as the steps beside it, it spans two samples. The first and the last time are kept.
     """
@@ -149,7 +149,7 @@ def _faster(times: Array, points: Array) -> Array:
 
 
 def _averaged(counts: Array) -> Array:
-    """Row numbers (K,) of samples, smoothed to a steady clock; the first and last are kept."""
+    """Row numbers (K,), smoothed as if the samples came at a steady clock; the first and last are kept."""
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  (loaded when used)
 
     steps = uniform_filter1d(uniform_filter1d(np.diff(counts), SMOOTHED, mode="nearest"), SMOOTHED, mode="nearest")
@@ -158,7 +158,7 @@ def _averaged(counts: Array) -> Array:
 
 
 def _unsteady(times: Array, points: Array) -> float:
-    """Sum of the squared changes of velocity; infinite if the times do not increase."""
+    """Sum of the squared changes of velocity from step to step; infinite if the times do not increase."""
     steps = np.diff(times)
     if not np.all(steps > 0.0):
         return np.inf
@@ -193,14 +193,14 @@ def _rounding(axis: Array) -> float:
 
 
 def _off(ways: Array, step: float) -> bool:
-    """Whether any entry is not a multiple of the step."""
+    """Whether any of the entries is not a multiple of `step`."""
     return bool(np.abs(ways / step - np.rint(ways / step)).max() > 0.1)
 
 
 def _noise(times: Array, points: Array) -> Array:
-    """(N, n) standard deviation of the noise of points (N, n); 0 if it is negligible.
+    """(N, n) standard deviation of the noise in points (N, n); 0 where it is negligible.
 
-    It is the size of the points' divided differences, scaled so that white noise gives its standard deviation.
+    It is estimated from divided differences, scaled so that white noise gives its standard deviation.
     """
     from scipy.ndimage import maximum_filter1d, percentile_filter  # noqa: PLC0415  (loaded when used)
 
@@ -220,7 +220,7 @@ def _noise(times: Array, points: Array) -> Array:
 
 
 def _least_jerk(times: Array, points: Array, band: Array) -> Array:
-    """(N, n) path within `band` (N, n) of points (N, n), with nearly the least sum of squared third differences."""
+    """(N, n) path of nearly least jerk (sum of squared third differences), within `band` (N, n) of points (N, n)."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415  (loaded when used)
     from scipy.sparse import diags, identity  # noqa: PLC0415
 

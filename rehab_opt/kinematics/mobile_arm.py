@@ -54,7 +54,7 @@ class Outline(NamedTuple):
 
     @property
     def corners(self) -> Array:
-        """(4, 2) [m]"""
+        """(4, 2) [m] corners of the rectangle."""
         return np.array([[x, y] for x in (self.front, self.rear) for y in (self.left, self.right)])
 
 
@@ -199,7 +199,7 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def bodied_chain(self) -> SerialChain:
-        """The chain with capsules: its own or, if it has none, those of the arm's `links` and of the column below."""
+        """The chain with capsules: its own or, if it has none, those of the arm's `links` and the column below."""
         chain = self.chain
         if chain.capsules:
             return chain
@@ -208,7 +208,7 @@ class MobileArm(HasEvaluator):
 
     @cached_property
     def reach(self) -> float:
-        """[m] upper bound of the distance between any joint axis of the arm and any point of its links or tool."""
+        """[m] upper bound of the distance between any joint axis of the arm and any point of its links or its tool."""
         return arm_reach(self.chain, self.links, first=CHAIR)
 
     # -------------------------------------------------------------------------------------------- expressions
@@ -258,7 +258,7 @@ def _check_outline(outline: object) -> None:
 
 
 def _checked_keep_out(keep_out: object) -> tuple[Capsule, ...]:
-    """The capsules, checked to be finite, because NaN would disable them."""
+    """The capsules, after a check that they are finite: NaN would disable them."""
     if not isinstance(keep_out, (list, tuple)) or isinstance(keep_out, Capsule):
         raise ConfigurationError("keep_out", keep_out, "a list or tuple of Capsule")
     for i, capsule in enumerate(keep_out):

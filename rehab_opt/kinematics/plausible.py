@@ -48,7 +48,7 @@ def fastest(chain: SerialChain) -> tuple[float, float]:
 
 
 def implausible(chain: SerialChain, names: Sequence[ca.SX], values: Sequence[ca.SX], rows: Sequence[str]) -> ca.SX:
-    """Two flags: a pose (16,), row by row, is too far away; the values of a twist (k,) or of an obstacle are too large.
+    """Two flags: a pose (16,), in row order, is too far away; values of a twist (k,) or of an obstacle are too large.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ def rigid(argument: str, value: ArrayLike) -> Array:
 
 
 def nearest_rigid(argument: str, value: ArrayLike) -> tuple[Array, str]:
-    """Two results: the rigid transform (4, 4) nearest to `value`, read-only, and a note if rounding was corrected.
+    """Two results: the read-only rigid transform (4, 4) nearest to `value`, and a note if that corrected rounding.
 
     Raises
     ------

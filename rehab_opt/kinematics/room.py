@@ -87,7 +87,7 @@ class Box(NamedTuple):
 
 
 class MovingCapsule(NamedTuple):
-    """A moving capsule in the base frame, given anew in each tick."""
+    """A capsule that moves, in the base frame; the caller gives it in each tick."""
 
     start: ArrayLike
     """(3,) [m]"""

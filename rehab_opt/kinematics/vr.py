@@ -162,7 +162,7 @@ class Mirror:
 
 
 def continuous_quaternions(quaternions: ArrayLike, last: ArrayLike | None = None) -> Array:
-    """(N, 4) unit quaternions, each in the hemisphere of the one before, since q and -q are one rotation.
+    """(N, 4) unit quaternions whose signs do not jump: q and -q are one rotation.
 
     `last` (4,) is the quaternion before the first. A zero quaternion stays zero and is skipped.
     """

@@ -31,7 +31,7 @@ class Projection(NamedTuple):
 
 
 def projected(points: Array, path: Array) -> Projection:
-    """Nearest points on a path (M, 2) [m] to points (N, 2) [m]."""
+    """Points on a path (M, 2) [m] nearest to points (N, 2) [m]."""
     import shapely  # noqa: PLC0415
 
     kept = np.concatenate(([True], np.any(np.diff(path, axis=0) != 0, axis=1)))
@@ -88,7 +88,7 @@ def covered_in_order(position: Array, path: Array, *, within: float, jump: float
 
 
 def deviation_in_order(position: Array, path: Array) -> Array:
-    """(N,) [m] distances between hand positions (N, 2) [m] and the points of a path (M, 2) [m] assigned to them.
+    """(N,) [m] distances of hand positions (N, 2) [m] from points of a path (M, 2) [m], assigned in order.
 
     The assigned points start at the path's start, never go backwards, and have the least sum of squared distances.
     """
@@ -114,7 +114,6 @@ def deviation_in_order(position: Array, path: Array) -> Array:
 
 
 def _squared_distances(hands: Array, places: Array) -> Array:
-    """(N, M) [m^2] squared distances between hand positions (N, 2) and path points (M, 2)."""
     x, y = (np.subtract.outer(hands[:, axis], places[:, axis]) for axis in (0, 1))
     x *= x
     y *= y

@@ -110,7 +110,7 @@ def end_variability(trials: Sequence[ArrayLike]) -> float:
 
 
 def _spread(at: Array) -> Array:
-    """(T,) [m^2] variance over K trials (K, T, d) at each instant, summed over the coordinates."""
+    """(T,) [m^2] variance among the K trials (K, T, d) at each instant, summed over the coordinates."""
     return np.asarray(at.var(axis=0, ddof=1).sum(axis=1))
 
 

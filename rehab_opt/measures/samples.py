@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def numbers(argument: str, values: object) -> Array:
-    """`values` as a nonempty array of finite floats; raises `ConfigurationError` with the first bad value."""
+    """`values` as a nonempty array of finite floats; a `ConfigurationError` names the first bad value."""
     array = checked_array(argument, values, "finite numbers")
     if not array.size:
         raise ConfigurationError(argument, f"shape {array.shape}", "finite numbers, at least one")
@@ -49,7 +49,7 @@ def milliseconds(*seconds: float) -> str:
 
 
 def vectors(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
-    """`values` as finite (N, d), N at least `fewest`, d at least 1; raises as `numbers`."""
+    """`values` as a finite array (N, d) with N >= `fewest` and d >= 1; raises `ConfigurationError` otherwise."""
     array = numbers(argument, values)
     if array.ndim != 2 or len(array) < fewest:
         raise ConfigurationError(argument, f"shape {array.shape}", f"(N, d) with N at least {fewest}")
@@ -57,7 +57,7 @@ def vectors(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
 
 
 def rows(argument: str, values: ArrayLike, *, fewest: int = 1) -> Array:
-    """`values` as finite (N, d); (N,) becomes (N, 1). Raises as `numbers`."""
+    """`values` as a finite array (N, d); (N,) becomes (N, 1). Raises `ConfigurationError` for other input."""
     array = numbers(argument, values)
     if array.ndim not in (1, 2) or len(array) < fewest:
         raise ConfigurationError(argument, f"shape {array.shape}", f"(N,) or (N, d) with N at least {fewest}")
@@ -187,7 +187,7 @@ def white_noise(points: ArrayLike, smooth: ArrayLike, rate_hz: float, *, cutoff_
 
 
 def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None, order: int) -> float:
-    """Standard deviation [m/s^order] that white noise of `noise` [m] causes in a derivative of order 1 or 3 (jerk).
+    """Standard deviation [m/s^order] of a derivative of order 1 or 3 (jerk), caused by white noise of `noise` [m].
 
     The derivatives are those of `hand_velocity` and `dimensionless_jerk`: a central difference, then second
     differences.
@@ -198,7 +198,7 @@ def noise_of_derivative(noise: float, rate_hz: float, *, cutoff_hz: float | None
 
 
 def passed_by_low_pass(rate_hz: float, cutoff_hz: float | None) -> tuple[Array, Array]:
-    """Two results: gains of the filter that runs both ways (1 without a filter), and frequencies [rad/sample].
+    """Two results: gains of the low-pass that runs both ways (1 without a filter), and their frequencies [rad/sample].
 
     The frequencies go from 0 to half of the sampling rate.
     """

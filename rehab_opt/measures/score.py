@@ -88,7 +88,7 @@ class HandMotion(NamedTuple):
     notes: tuple[str, ...]
 
     def goes(self, part: slice = slice(None)) -> bool:
-        """Whether the hand moves further or faster in these samples than a resting hand with noise seems to."""
+        """Whether the hand moves further or faster during these samples than noise alone could make it seem."""
         far = range_used(self.path[part]).max() > 2 * SURE * self.noise
         return bool(far or self.speed[part].max() > NEVER / SURE * self.shaken)
 
@@ -110,7 +110,7 @@ def score(
     cutoff_hz: float = CUT_OFF_HZ,
     threshold: float = 0.05,
 ) -> Score:
-    """Compute every measure of one trial: resample evenly, low-pass, cut to the movement, measure.
+    """Compute every measure of one trial: resample it evenly, low-pass it, cut it to the movement, and measure.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def score(
 def hand_motion(
     time: ArrayLike, points: ArrayLike, *, cutoff_hz: float = CUT_OFF_HZ, threshold: float = 0.05
 ) -> HandMotion:
-    """Separate rest from movement, in one trial or a whole recording; parameters as in `score`.
+    """Separate movement from rest, in one trial or a whole recording; parameters as in `score`.
 
     Raises
     ------
@@ -222,14 +222,14 @@ def hand_motion(
 
 
 def _noise(points: Array, path: Array, rate: float, cutoff: float | None) -> float:
-    """[m] Standard deviation of white noise, from what the filter removes (no filter: from fourth differences)."""
+    """[m] standard deviation of white noise, from what the filter removes (no filter: from fourth differences)."""
     if cutoff is not None:
         return white_noise(points, path, rate, cutoff_hz=cutoff)
     return float(np.median(np.abs(np.diff(points, 4, axis=0)))) / (NORMAL_MEDIAN * math.sqrt(70.0))
 
 
 def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) -> Array:
-    """The speed, but zero at both ends where it may be noise; there the filter keeps the noise of the end points."""
+    """The speed, but zero near both ends where it may be noise: the filter does not reduce noise of end points."""
     passed, _ = passed_by_low_pass(rate, cutoff)
     least = SURE * 2 * noise * rate * float(passed.mean())
     seen = speed.copy()
@@ -240,7 +240,7 @@ def _above_noise(speed: Array, noise: float, rate: float, cutoff: float | None) 
 
 
 def _between(samples: Array, rate: float, begin: float, end: float, count: int) -> Array:
-    """`count` samples interpolated from `begin` to `end` [s]: jerk depends on the cube of the exact duration."""
+    """`count` samples from `begin` to `end` [s], interpolated: jerk depends on the cube of the exact duration."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
 
     return np.asarray(CubicSpline(np.arange(len(samples)) / rate, samples)(np.linspace(begin, end, count)))

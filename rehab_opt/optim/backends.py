@@ -64,7 +64,7 @@ EQUALITY, SOLVED = 5, 1
 
 
 class Answer(NamedTuple):
-    """Solution that a solver claims; x is NaN if it found none. Multipliers are positive at an upper bound."""
+    """Solution that a solver claims; x is NaN if it found none. A multiplier is positive at an upper bound."""
 
     x: Array
     bound_multipliers: Array
@@ -73,7 +73,7 @@ class Answer(NamedTuple):
 
 
 class Backend(Protocol):
-    """One solver, warm-started from its last answer."""
+    """One solver, which starts each solve at its last answer."""
 
     name: str
 
@@ -82,17 +82,17 @@ class Backend(Protocol):
         ...
 
     def solve(self, qp: Instance) -> Answer:
-        """Claimed solution of `qp`; never raises on numbers."""
+        """Solution of `qp` as the solver claims it; numbers never raise an error."""
         ...
 
 
 def no_answer(n: int, m: int) -> Answer:
-    """An answer that no certificate accepts."""
+    """Answer with NaN, which every certificate rejects."""
     return Answer(np.full(n, np.nan), np.full(n, np.nan), np.full(m, np.nan), -1)
 
 
 def has_finite_data(qp: Instance) -> bool:
-    """Whether the data are fit for a solver: some solvers hang on NaN, others ignore a NaN bound."""
+    """Whether a QP's data can be given to a solver: some solvers hang on NaN, others ignore a NaN bound."""
     costs_finite = np.isfinite(qp.H).all() and np.isfinite(qp.g).all() and np.isfinite(qp.A).all()
     bounds_ordered = (qp.lower <= qp.upper).all() and (qp.rows_lower <= qp.rows_upper).all()
     return bool(costs_finite and bounds_ordered)
@@ -143,7 +143,7 @@ class ProxqpBackend:
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
 
     def solve(self, qp: Instance) -> Answer:
-        """Claimed solution of `qp`."""
+        """Solution of `qp` as proxqp claims it."""
         n, m = self._n, self._m
         if not has_finite_data(qp):
             return no_answer(n, m)
@@ -187,7 +187,7 @@ class OsqpBackend:
         self._solver: Any = None
 
     def solve(self, qp: Instance) -> Answer:
-        """Claimed solution of `qp`."""
+        """Solution of `qp` as osqp claims it."""
         n, m = self._n, self._m
         if not has_finite_data(qp):
             return no_answer(n, m)
@@ -245,10 +245,10 @@ class DaqpBackend:
         self._kinds = np.zeros(n + m, dtype=np.intc)
 
     def forget(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: daqp starts without a warm start."""
 
     def solve(self, qp: Instance) -> Answer:
-        """Claimed solution of `qp`."""
+        """Solution of `qp` as daqp claims it."""
         n, m = self._n, self._m
         if not has_finite_data(qp):
             return no_answer(n, m)
@@ -259,7 +259,7 @@ class DaqpBackend:
         return self._asked(qp)
 
     def _scaled(self, qp: Instance, units: Array) -> Answer:
-        """Solution of `qp` through the scaled variables y, where x = units * y."""
+        """Solve `qp` in scaled variables y, where x = units * y; the answer is in x."""
         claim = self._asked(
             qp._replace(
                 H=qp.H * np.outer(units, units), g=qp.g * units, A=qp.A * units,
@@ -296,10 +296,10 @@ class QpsolversBackend:
         self._options = TIGHT.get(name, {})
 
     def forget(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: each problem is built anew."""
 
     def solve(self, qp: Instance) -> Answer:
-        """Claimed solution of `qp`."""
+        """Solution of `qp` as the solver claims it."""
         n, m = qp.g.size, qp.rows_lower.size
         if not has_finite_data(qp):
             return no_answer(n, m)
@@ -312,7 +312,7 @@ class QpsolversBackend:
 
 
 def answer_from(qp: Instance, solution: qpsolvers.Solution) -> Answer:
-    """Answer to `qp` from the solution of `to_qpsolvers(qp)`."""
+    """Answer from the solution that qpsolvers returned for `to_qpsolvers(qp)`."""
     n, m = qp.g.size, qp.rows_lower.size
     if not solution.found or solution.x is None:
         return no_answer(n, m)

@@ -71,7 +71,7 @@ def violation(values: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
 
 
 def _not(column: ca.SX, number: float) -> list[int]:
-    """Indices of the elements that are not the constant `number`."""
+    """Indices of the elements that differ from the constant `number`."""
     elements = ca.vertsplit(column) if column.numel() else []
     return [i for i, each in enumerate(elements) if not (each.is_constant() and float(each) == number)]
 
@@ -109,9 +109,10 @@ NEGLIGIBLE = 1e-3
 def delivered_fraction(
     given: ca.SX, desired: ca.SX, missed: ca.SX, *, least: float, enough: ca.SX | float = NEGLIGIBLE
 ) -> ca.SX:
-    """Fraction of the motion `desired` that `given` delivers.
+    """Fraction of the motion `desired` that the motion `given` delivers.
 
-    A fraction up to `enough` counts as 0. If nothing is `missed`, or no more than `least` is desired, the result is 1.
+    A fraction up to `enough` counts as 0. The result is 1 if the condition `missed` is false, or if no more than
+    `least` is desired.
     """
     size = ca.sumsqr(desired)
     along = clipped(ca.dot(given, desired) / ca.fmax(size, least**2), 0, 1)
@@ -119,7 +120,7 @@ def delivered_fraction(
 
 
 def one_is_zero(multiplier: ca.SX, value: ca.SX, lower: ca.SX, upper: ca.SX) -> ca.SX:
-    """Complementarity min(multiplier, slack) at bounds, also infinite ones; zero exactly if one of the two is zero."""
+    """min(multiplier, slack) at bounds, also infinite ones: exactly zero if the multiplier or the slack is zero."""
     told = _not(multiplier, 0.0)
     pushing, at, low, high = multiplier[told], value[told], lower[told], upper[told]
     at_upper = ca.fmin(ca.fmax(pushing, 0), ca.fmax(high - at, 0))
@@ -136,7 +137,7 @@ def screened_analytic(
     bounds: tuple[ca.SX, ca.SX],
     valid: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """Two results: column (n + n + m,) of the analytic answer and its multipliers of bounds and rows; its residual.
+    """Two results: the analytic answer with its multipliers of bounds and rows, a column (n + n + m,); its residual.
 
     The residual needs no Hessian: it is zero at a point within bounds and rows where multipliers or active bounds
     balance the gradient. Outside the bounds, or without an analytic answer, the residual is infinite.

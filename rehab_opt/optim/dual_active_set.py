@@ -33,7 +33,7 @@ For an independent bound, about 1e-12 and more remains; for a dependent one, rou
 
 
 def dual_active_set(form: Form) -> ca.Function:
-    """Function: numbers -> active bounds and rows (n + m,): 1 at the upper, -1 at the lower bound.
+    """Function (QP data) -> active bounds and rows (n + m,): 1 at the upper bound, -1 at the lower, else 0.
 
     Equalities are not marked. The cost must be strictly convex, and the equalities independent.
     """
@@ -93,7 +93,6 @@ class _State(NamedTuple):
 
 
 def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
-    """Two results: a column of symbols, and the state that it holds."""
     n, most, size = of.n, of.most, of.size
     shapes = [(size, 1), (n, 1), (most, n), (triangle(most), 1), (most, 1), (most, 1), (size, 1), (1, 1), (1, 1)]
     column = ca.SX.sym("state", sum(rows * columns for rows, columns in shapes))
@@ -105,7 +104,7 @@ def _state_of(of: _Numbers) -> tuple[ca.SX, _State]:
 
 
 def _first(form: Form) -> ca.Function:
-    """Function: numbers -> inverses of the Hessian (for all x; along the equalities), the first state."""
+    """Function (QP data) -> inverses of the Hessian (for all x; along the equalities), and the first state."""
     of = _Numbers(form)
     n, most, size, rows = of.n, of.most, of.size, of.rows[of.equal, :]
     free = solver_of(of.hessian)(ca.SX.eye(n))
@@ -123,7 +122,7 @@ def _first(form: Form) -> ca.Function:
 
 
 def _step(form: Form) -> ca.Function:
-    """Function: numbers, the inverses, state -> the next state."""
+    """Function (QP data, inverses from `_first`, state) -> the next state."""
     of = _Numbers(form)
     n, most = of.n, of.most
     column, state = _state_of(of)
@@ -177,7 +176,7 @@ def _step(form: Form) -> ca.Function:
 
 
 def _next(of: _Numbers, state: _State) -> tuple[ca.SX, ca.SX]:
-    """Two results: (n + m,) with 1 or -1 at the bound to add (the pending or most violated); whether there is one."""
+    """Two results: (n + m,) with 1 or -1 at the bound to add, pending or most violated; whether there is one."""
     values = of.rows @ state.x
     above, below = values - of.high, of.low - values
     begun = ca.sumsqr(state.pending) > 0
@@ -198,7 +197,7 @@ TOGETHER = 3
 
 
 def active_set_round(form: Form, *, together: int, passes: int = 1, softened: float = SOFTENED) -> ca.Function:
-    """Function: numbers, multipliers (n + m,) -> x, multipliers and the certificate's residual, one column.
+    """Function (QP data, multipliers (n + m,)) -> x, multipliers and the certificate's residual, in one column.
 
     Bounds and rows with a multiplier, and all equalities, are taken as active. They give a linear system, which takes a
     few matrix products; the certificate judges its solution. At most the first `together` active inequality rows are
@@ -242,7 +241,7 @@ def active_set_round(form: Form, *, together: int, passes: int = 1, softened: fl
 
 
 def picked(active: ca.SX, count: int) -> ca.SX:
-    """Selection matrix (count, rows) of the first `count` active rows; unused rows are zero."""
+    """Matrix (count, rows) that selects the first `count` active rows; its unused rows are zero."""
     ranks, rank = [], ca.SX(0)
     if not count:
         return ca.SX(0, active.numel())

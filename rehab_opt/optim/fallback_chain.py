@@ -98,7 +98,7 @@ class FallbackChain:
         return self.solve_with_fallback()
 
     def solve_with_fallback(self) -> str:
-        """Try the other solvers after a failed first attempt; return the name of the certified one, or ""."""
+        """Try the other solvers after the primary one failed; return the name of the certified one, or ""."""
         if not (self.valid[0] or math.isnan(self.verdict[0])):  # NaN: nothing was written
             return ""  # the parameters themselves are invalid
         self.warm_start(0.0)
@@ -123,20 +123,20 @@ class FallbackChain:
         return recorder_now() is not None
 
     def forget(self, x: ArrayLike = 0.0) -> None:
-        """Reset the warm start and the solvers; equal inputs then give equal answers (proxqp: to rounding)."""
+        """Discard the warm start, so that equal inputs give equal answers (proxqp: apart from rounding)."""
         self.warm_start(x)
         for solver in self._backends.values():
             if solver is not None:
                 solver.forget()
 
     def warm_start(self, x: ArrayLike) -> None:
-        """Start the next solve at x (n,) or a scalar, without active bounds; the memory is unchanged."""
+        """Start the next solve at x, (n,) or a scalar, with no bound active; the memory is unchanged."""
         n = self.statement.n
         self.state[n : 2 * n + self.statement.m] = 0.0
         self.state[:n] = x
 
     def _set_recorder(self) -> None:
-        """Pass each tick's QP to the recorder, if one is active now."""
+        """Send each tick's QP to the recorder, if one is active now."""
         self._record: Callable[[], None] = _nobody
         self._same_problem = False
         """Whether the next solve is a retry of the same problem."""
@@ -167,7 +167,7 @@ class FallbackChain:
         return certified
 
     def _solve_apart(self, name: str) -> None:
-        """Do the work of the fused function with another solver."""
+        """Do the work of the fused function, but with another solver."""
         complete, build, certify, finish = self._complete, self._build, self._certify, self._finish
         full = _outputs(complete, self.parameters, self.memory)[0]
         *qp, valid = _outputs(build, full, self.memory)
@@ -194,7 +194,7 @@ def _nobody() -> None:
 
 
 def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
-    """Output buffers of a function after evaluation at `values`; its next call overwrites them."""
+    """Output buffers of a function, evaluated at `values`; its next call overwrites them."""
     for array, value in zip(function.inputs, values, strict=True):
         array[...] = value
     function()
@@ -203,7 +203,7 @@ def _outputs(function: BufferedFunction, *values: ArrayLike) -> tuple[NDArray[np
 
 @contextmanager
 def as_in_c(*chains: FallbackChain) -> Iterator[None]:
-    """Context without backup solvers: generated C has none, but must repeat what is recorded here.
+    """Context in which a run is recorded for C: without backup solvers, because generated C has none.
 
     Raises `ConfigurationError` if the solver does not generate C.
     """

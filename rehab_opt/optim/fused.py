@@ -30,7 +30,7 @@ PASSES = 2
 
 
 def fused(statement: Statement) -> ca.Function:
-    """Function: parameters, state -> state, verdict.
+    """Function (parameters, state) -> the next state, and the verdict on it.
 
     A state stacks x (n,), the multipliers of its bounds (n,) and of the rows (m,), and the memory: the warm start and
     the results of the last tick. The verdict stacks the residual, whether the parameters are valid, the index in
@@ -54,7 +54,7 @@ def fused(statement: Statement) -> ca.Function:
 
 
 def choice(name: str, otherwise: ca.Function) -> ca.Function:
-    """Function: condition, held, arguments -> `held` if the condition is true, else `otherwise(arguments)`."""
+    """Function (condition, held, arguments) -> `held` if the condition is true, else `otherwise(arguments)`."""
     held = ca.MX.sym("held", otherwise.sparsity_out(0))
     arguments = [ca.MX.sym("argument", otherwise.sparsity_in(i)) for i in range(otherwise.n_in())]
     keep = ca.Function("keep", [held, *arguments], [held])
@@ -63,7 +63,7 @@ def choice(name: str, otherwise: ca.Function) -> ca.Function:
 
 
 def _solve(statement: Statement) -> ca.Function:
-    """Function: complete parameters, memory, start -> x, multipliers, residual, index of the solver; cached by form."""
+    """Function (complete parameters, memory, start) -> x, multipliers, residual, solver index; cached by form."""
     form, numbers = statement.form()
     solve = remembered((*form[:-2], form.build.serialize()), lambda: _made(form))
     full, memory = (ca.MX.sym("column", statement.build.numel_in(i)) for i in range(2))
@@ -72,7 +72,7 @@ def _solve(statement: Statement) -> ca.Function:
 
 
 def _made(form: Form) -> ca.Function:
-    """Function: numbers, start -> outputs of `_solve`."""
+    """Function (QP data, start) -> x, multipliers, residual and solver index, by the solvers in their order."""
     if not form.active_set:
         return _qrqp(form)
     numbers, start = _inputs(form)
@@ -86,7 +86,7 @@ def _made(form: Form) -> ca.Function:
 
 
 def _last_active_set(form: Form) -> ca.Function:
-    """Solution with the last tick's active bounds; half the work if no row was active."""
+    """Function (QP data, multipliers) -> solution with the last tick's active bounds; cheaper if no row was active."""
     some, none = (active_set_round(form, together=together) for together in (TOGETHER, 0))
     if not form.m:
         return none
@@ -97,18 +97,18 @@ def _last_active_set(form: Form) -> ca.Function:
 
 
 def exact_round(form: Form) -> ca.Function:
-    """`active_set_round` for independent active bounds."""
+    """`active_set_round` for active bounds that are linearly independent."""
     return active_set_round(form, together=form.n, passes=PASSES, softened=INDEPENDENT)
 
 
 def by_dual_active_set(form: Form, exact: ca.Function) -> ca.Function:
-    """Function: numbers -> x, multipliers, residual; `exact_round` refines the dual method's result."""
+    """Function (QP data) -> x, multipliers and residual: the dual method's result, refined by `exact_round`."""
     numbers, _ = _inputs(form)
     return ca.Function("by_dual", [numbers], [exact(numbers, dual_active_set(form)(numbers))])
 
 
 def _qrqp(form: Form) -> ca.Function:
-    """Function: numbers, start -> x, multipliers, residual, index of the solver."""
+    """Function (QP data, start) -> x, multipliers, residual and solver index, by qrqp."""
     n, m, (numbers, start) = form.n, form.m, _inputs(form)
     qp = form.build(numbers)
     hessian, gradient, matrix, rows_lower, rows_upper, lower, upper = qp
@@ -122,5 +122,5 @@ def _qrqp(form: Form) -> ca.Function:
 
 
 def _inputs(form: Form) -> list[ca.MX]:
-    """Symbols of the numbers and of the start (x and multipliers)."""
+    """Symbols for the QP data, and for the start: x and multipliers."""
     return [ca.MX.sym("column", size) for size in (form.build.numel_in(0), 2 * form.n + form.m)]

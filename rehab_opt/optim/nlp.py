@@ -24,7 +24,7 @@ MAX_MAGNITUDE = 1e9
 
 
 class NLPAnswer(NamedTuple):
-    """Answer of a solver with its certificate."""
+    """Answer of an NLP solver, with its certificate."""
 
     x: Array
     """(n,) inside its bounds."""
@@ -126,18 +126,18 @@ class NLP:
         return ca.gradient(self.minimise, self.x)
 
     def parted(self, multipliers: Any) -> Any:
-        """Split multipliers (n + m,) into those of bounds (n,) and of rows (m,)."""
+        """Split multipliers (n + m,) into two: those of the bounds (n,) and those of the rows (m,)."""
         return ca.vertsplit(multipliers, [0, self.n, self.n + self.m])
 
     @cached_property
     def bounds(self) -> ca.Function:
-        """Function: p -> lower, upper (n,), and the rows' lower, upper (m,)."""
+        """Function (p) -> lower and upper bounds of x (n,), and lower and upper bounds of the rows (m,)."""
         outputs = [self.lower, self.upper, self.rows.lower, self.rows.upper]
         return ca.Function(f"{self.name}_bounds", [self.p], [ca.densify(each) for each in outputs])
 
     @cached_property
     def certify(self) -> ca.Function:
-        """Function: p, claim (n,) and multipliers (n + m,) -> x, cost, residual, violation, report.
+        """Function (p, claim (n,), multipliers (n + m,)) -> x, cost, residual, violation, report.
 
         x is the claim clipped into its bounds; this x is certified. The residual is the 2-norm of three vectors
         together: stationarity grad f + y_x + J'y with the multipliers y_x of bounds and y of rows; violation of the
@@ -190,7 +190,7 @@ FLOOR = 1e-6
 
 
 def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Hessian (n, n), positive definite, and gradient (n,) of the next QP's cost.
+    """Two results: Hessian (n, n), positive definite, and gradient (n,) of the cost of the next QP.
 
     The Hessian of the Lagrangian is positive definite only along the active rows. Therefore PENALTY/2 |row + J dx -
     bound|^2 is added for every equality and every bound with a multiplier. These terms vanish if the row holds in the
@@ -212,7 +212,7 @@ def model(nlp: NLP, multipliers: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def convexified(hessian: ca.SX) -> ca.SX:
-    """`hessian` plus a diagonal that makes it positive definite; zero if `hessian` is safely positive definite.
+    """`hessian`, made positive definite by a diagonal, which is zero if `hessian` is safely positive definite.
 
     The modified Cholesky factorisation of Gill, Murray and Wright (Practical Optimization, 1981, 4.4.2.2) without
     pivoting.

@@ -26,7 +26,7 @@ WIDENING = 1e-8
 
 
 def checked_name(argument: str, name: object) -> str:
-    """The given `name`; raises `ConfigurationError` if no solver has this name."""
+    """The same `name`; raises `ConfigurationError` if no solver has it."""
     if not (isinstance(name, str) and (name == SQP.name or (name.isidentifier() and ca.has_nlpsol(name)))):
         raise ConfigurationError(argument, name, "'sqp', 'ipopt', 'fatrop', 'sqpmethod' or another of CasADi's")
     return name
@@ -85,7 +85,7 @@ class NLPSolver:
         self.parameters = np.zeros(nlp.p.numel())
 
     def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0) -> NLPAnswer:
-        """Solve at `parameters`, which the caller fills, from `start` (n,) and earlier `multipliers` (n + m,)."""
+        """Solve from `start` (n,) and earlier `multipliers` (n + m,); the caller first fills `parameters`."""
         n = self.nlp.n
         x, y = np.zeros(n), np.zeros(n + self.nlp.m)
         x[:], y[:] = start, multipliers
@@ -149,7 +149,7 @@ def _iterations(stats: dict[str, Any]) -> int:
 
 
 def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
-    """Solver options: quiet, capped iterations, no exceptions, tighter than `tolerance`."""
+    """Options for the plugin: no output, no exceptions, capped iterations, and tolerances tighter than `tolerance`."""
     common: dict[str, Any] = {"error_on_fail": False, "print_time": False, "show_eval_warnings": False}
     common["calc_lam_p"] = False  # not needed, and CasADi would warn on the terminal after a failed solve
     tight = 0.1 * tolerance
@@ -185,7 +185,7 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
 
 
 def _convex_hessian(nlp: NLP) -> ca.Function:
-    """Convexified Hessian of the Lagrangian for sqpmethod."""
+    """Function for sqpmethod that computes the convexified Hessian of the Lagrangian."""
     of_cost, of_rows = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", nlp.m)
     lagrangian = of_cost * nlp.minimise + ca.dot(of_rows, nlp.rows.expression)
     hessian = convexified(ca.hessian(lagrangian, nlp.x)[0])

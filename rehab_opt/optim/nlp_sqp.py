@@ -67,7 +67,7 @@ class SQP:
         self._iterate = self._watched_step()
 
     def solve(self, start: ArrayLike, multipliers: ArrayLike = 0.0, *, max_iterations: int | None = None) -> NLPAnswer:
-        """Solve at `parameters`, which the caller fills, from `start` (n,) and earlier `multipliers` (n + m,)."""
+        """Solve from `start` (n,) and earlier `multipliers` (n + m,); the caller first fills `parameters`."""
         self._x[:] = start
         self._multipliers[:] = multipliers
         cap = self.max_iterations if max_iterations is None else max_iterations
@@ -90,7 +90,7 @@ class SQP:
         )  # fmt: skip
 
     def _watched_step(self) -> Callable[[], None]:
-        """Step whose QPs go to the recorder, if one is active now."""
+        """The step function; if a recorder is active now, each of its QPs is recorded."""
         recorder = recorder_now()
         if recorder is None:
             return self._step
@@ -109,7 +109,7 @@ def _numbers(array: Array) -> memoryview[float]:
 
 
 def step_function(nlp: NLP) -> ca.Function:
-    """Function: p, x (n,), multipliers (n + m,), radius -> next x, multipliers, cost, residual, violation, report."""
+    """Function (p, x (n,), multipliers (n + m,), radius) -> next x, multipliers, cost, residual, violation, report."""
     n, m = nlp.n, nlp.m
     p, start, y, radius = inputs = _step_inputs(nlp)
     x = _inside(nlp)(p, start)
@@ -128,7 +128,7 @@ def step_function(nlp: NLP) -> ca.Function:
 
 
 def subproblem_function(nlp: NLP) -> ca.Function:
-    """Function: inputs of `step_function` -> its QP over the change of x, as in `Instance`."""
+    """Function (inputs of `step_function`) -> data of the QP that this step solves, in the order of `Instance`."""
     p, start, y, radius = inputs = _step_inputs(nlp)
     *others, lower, upper = _derivatives(nlp)(p, _inside(nlp)(p, start), y)
     outputs = [*others, ca.fmax(lower, -radius), ca.fmin(upper, radius)]
@@ -136,7 +136,6 @@ def subproblem_function(nlp: NLP) -> ca.Function:
 
 
 def _step_inputs(nlp: NLP) -> list[Any]:
-    """Columns p, x, multipliers, radius."""
     sizes = {"p": nlp.p.numel(), "x": nlp.n, "y": nlp.n + nlp.m, "radius": 1}
     return [ca.MX.sym(name, size) for name, size in sizes.items()]
 
@@ -146,7 +145,7 @@ def _inside(nlp: NLP) -> ca.Function:
 
 
 def _derivatives(nlp: NLP) -> ca.Function:
-    """Function: p, x, multipliers -> H, g, A, and the distances of rows and x to their lower and upper bounds."""
+    """Function (p, x, multipliers) -> H, g, A, and the lower and upper bounds minus the rows and minus x."""
     symbols = ca.SX.sym("y", nlp.n + nlp.m)
     hessian, gradient = model(nlp, symbols)
     rows = nlp.rows
@@ -162,7 +161,7 @@ def _derivatives(nlp: NLP) -> ca.Function:
 
 
 def _holds(n: int, m: int) -> ca.Function:
-    """Function that is 1 if the QP's rows hold, else 0."""
+    """Function (x, A, lower, upper) -> 1 if lower <= A x <= upper, apart from `QP_VIOLATION`, else 0."""
     x, matrix, lower, upper = ca.SX.sym("x", n), ca.SX.sym("A", m, n), ca.SX.sym("lower", m), ca.SX.sym("upper", m)
     rows = matrix @ x
     held = all_true(rows >= lower - QP_VIOLATION, rows <= upper + QP_VIOLATION)

@@ -32,12 +32,12 @@ class Form(NamedTuple):
     certify: ca.Function
 
     def symbols(self) -> tuple[ca.SX, list[ca.SX]]:
-        """Two results: symbols for the data column, and the outputs of `build` for them."""
+        """Two results: a column of symbols for the QP data, and the outputs of `build` for it."""
         numbers = ca.SX.sym("numbers", self.build.numel_in(0))
         return numbers, self.build.call([numbers])
 
     def rows(self) -> tuple[list[int], list[int]]:
-        """Indices of the equalities, whose two bounds are the same expression, and of the other rows."""
+        """Two lists of row indices: the equalities, whose bounds are the same expression, and the other rows."""
         low, high = self.symbols()[1][3:5]
         equal = [i for i in range(self.m) if ca.is_equal(low[i], high[i], 10)]
         return equal, [i for i in range(self.m) if i not in equal]
@@ -114,9 +114,7 @@ class Statement:
 
     @cached_property
     def build(self) -> ca.Function:
-        """Function: complete parameters, memory -> H, g, A, rows_lower, rows_upper, lower, upper, whether all are
-        valid.
-        """
+        """Function (complete parameters, memory) -> H, g, A, rows_lower, rows_upper, lower, upper, validity (0, 1)."""
         x, rows = self._x, self._rows
         origin = ca.SX.zeros(self.n)
         hessian = ca.triu2symm(ca.triu(ca.hessian(self.minimise, x)[0]))  # half the entries need computing
@@ -129,7 +127,7 @@ class Statement:
         return ca.Function(f"{self.name}_build", [self._p, self.memory], outputs, {"cse": True})
 
     def form(self) -> tuple[Form, ca.Function]:
-        """Two results: structure of the QP, and a function (complete parameters, memory) -> its data column."""
+        """Two results: structure of the QP, and the function (complete parameters, memory) -> its data column."""
         full, memory = ca.SX.sym("full", self.build.sparsity_in(0)), ca.SX.sym("memory", self.memory.numel())
         *data, _ = self.build.call([full, memory])
         entries = ca.vertsplit(ca.veccat(*data))
@@ -147,7 +145,7 @@ class Statement:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """Function: complete parameters, memory -> outputs of `screened_analytic`; whether the parameters are valid."""
+        """Function (complete parameters, memory) -> outputs of `screened_analytic`, validity (1 or 0)."""
         told, residual = screened_analytic(
             self.analytic, self.dual,
             cost=self.minimise, x=self._x, rows=self._rows, bounds=self._bounds, valid=self._valid,
@@ -156,31 +154,31 @@ class Statement:
 
     @cached_property
     def certify(self) -> ca.Function:
-        """See `certificate_function`."""
+        """Certificate of the QP, see `certificate_function`."""
         return remembered(("certificate", self.n, self.m), lambda: certificate_function(self.n, self.m))
 
     @cached_property
     def finish(self) -> ca.Function:
-        """Function: parameters, memory, x -> report, next memory, violation."""
+        """Function (parameters, memory, x) -> report, next memory, violation."""
         outputs = [self.report, self.remember, self.violation]
         return self.tick.function(f"{self.name}_finish", [self._p, self.memory, self._x], outputs)
 
     def finish_at(self, answer: ca.SX) -> ca.Function:
-        """Function: parameters, memory -> outputs of `finish` for `answer`, an expression of complete parameters."""
+        """Function (parameters, memory) -> outputs of `finish` at `answer`, an expression of complete parameters."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
         full, x = self.complete(p, memory), ca.Function("answer", [self._p, self.memory], [ca.densify(answer)])
         return ca.Function(f"{self.name}_finish_at", [p, memory], self.finish.call([full, memory, x(full, memory)]))
 
     @cached_property
     def complete(self) -> ca.Function:
-        """Function: parameters, memory -> complete parameters: parameters and precomputed values in one column."""
+        """Function (parameters, memory) -> complete parameters: parameters, then precomputed values, one column."""
         p, memory = ca.MX.sym("p", self.parameter_size), ca.MX.sym("memory", self.memory.numel())
         column, precompute = self._precomputed
         full = ca.vertcat(p, precompute(p, memory)) if column.numel() else p
         return ca.Function(f"{self.name}_complete", [p, memory], [full])
 
     def instance(self, *parameters: ArrayLike, memory: ArrayLike = ()) -> Instance:
-        """Numbers of the QP at given parameters and memory, for inspection."""
+        """Data of the QP as numbers, for the given parameters and memory."""
         p = np.concatenate([np.asarray(each, dtype=np.float64).reshape(-1) for each in parameters])
         remembered = np.asarray(memory, dtype=np.float64)
         columns = [np.array(each) for each in self.build(self.complete(p, remembered), remembered)[:7]]

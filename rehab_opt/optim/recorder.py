@@ -92,7 +92,7 @@ class QPRecorder:
         *,
         unless: Callable[[], bool] = lambda: False,
     ) -> Callable[[], None]:
-        """Function that records the current `values()`, unless `unless()` is true, and then calls `solve`."""
+        """Function that calls `solve` and first records `values()`, unless `unless()` is true."""
 
         def seen_and_solved() -> None:
             if self.open and not unless():

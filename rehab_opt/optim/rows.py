@@ -51,7 +51,7 @@ class Instance(NamedTuple):
 
 
 def parameter(name: str, size: int) -> ca.SX:
-    """Column of numbers that change from tick to tick."""
+    """Symbols for numbers that change from tick to tick, one column."""
     return ca.SX.sym(name, size)
 
 
@@ -96,7 +96,7 @@ def check_that_it_is_a_qp(
 
 
 def with_numeric_bounds(row: Row, x: ca.SX) -> Row:
-    """The row with variables moved from its bounds to its expression; only an equality may have variables there."""
+    """The row, rewritten so that its bounds contain no variables; only an equality may have variables there."""
     if not (ca.depends_on(row.lower, x) or ca.depends_on(row.upper, x)):
         return row
     if not ca.is_equal(row.lower, row.upper, 50):

@@ -118,7 +118,7 @@ def astar_path(
 
 
 def _ends(reference: Array, stretch: float) -> list[int]:
-    """Indices of the samples at which stretches of length `stretch` [m] end, and of the last sample."""
+    """Indices of the samples where stretches of length `stretch` [m] end; the last sample is one of them."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(reference[:, :3, 3], axis=0), axis=1))])
     marks = np.arange(stretch, way[-1], stretch)
     return [*np.searchsorted(way, marks).tolist(), len(reference) - 1]
@@ -150,7 +150,7 @@ class _Search:
         return None
 
     def path(self, q: Array, first: int, last: int) -> tuple[list[Array], list[int]] | None:
-        """Two lists on the path from sample `first` to `last`: joint positions, nearest samples. None if not found."""
+        """Two lists for the path from sample `first` to `last`: joint positions, nearest samples. None if none."""
         origin, goal = self.chain.pose(q)[:3, 3], self.places[last]
         window = slice(first, last + 1)
         open_list: list[tuple[float, int, Cell]] = []
@@ -196,7 +196,7 @@ class _Search:
         self, cell: Cell, *, start: Cell, parents: dict[Cell, Cell], joints: dict[Cell, Array],
         samples: dict[Cell, int], last: int,
     ) -> tuple[list[Array], list[int]]:  # fmt: skip
-        """The result list, traced from the goal back through the parents."""
+        """Joint positions and nearest samples of the result list, traced from the goal back through the parents."""
         q, at = [], []
         end = self.joints(self.reference[last], joints[cell], patient=True)
         if end is not None:
@@ -208,7 +208,7 @@ class _Search:
         return q[::-1], at[::-1]
 
     def joints(self, pose: Array, near: Array, *, patient: bool = False) -> Array | None:
-        """Joint positions that reach `pose` within the limits, by Newton steps from `near`; None if not found."""
+        """Joint positions for `pose` within the limits, by Newton's method from `near`; None if not found."""
         q = near.copy()
         for _ in range(4 * NEWTON if patient else NEWTON):
             here = self.chain.pose(q)
@@ -226,7 +226,7 @@ class _Search:
 
 
 def _turn(rotation: Array) -> Array:
-    """(3,) rotation vector of a rotation below 180 degrees."""
+    """(3,) rotation vector of a rotation matrix (3, 3), for angles below 180 degrees."""
     skew = 0.5 * np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )

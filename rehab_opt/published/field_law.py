@@ -68,7 +68,7 @@ class FieldLaw:
 
     @cached_property
     def _drag_energies(self) -> Array:
-        """(m,) [J] terms of Eq. (15) that do not depend on the hand's position."""
+        """(m,) [J] the terms of Eq. (15) that are the same for every hand position."""
         return np.asarray(self.drag * self.remaining_length() ** 2)
 
     def energy(self, x: ArrayLike) -> float:

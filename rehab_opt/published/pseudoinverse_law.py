@@ -59,7 +59,7 @@ class PseudoinverseLaw:
         self._base = robot.drive(drive)
 
     def task_jacobian(self, q: ArrayLike, rows: Sequence[str], frame: str = "chassis") -> Array:
-        """(k, 7) rows of the Jacobian for the stick's components, in the chair's or the world frame."""
+        """(k, 7) Jacobian rows for the stick's components `rows`, in the chair's or the world frame."""
         angles = np.asarray(q, dtype=np.float64)
         jacobian, pose = self.robot.chain.jacobian(angles), self.robot.chain.pose(angles)
         heading = float(angles[2]) if frame == "chassis" else 0.0
@@ -72,7 +72,7 @@ class PseudoinverseLaw:
     def rate(
         self, q: ArrayLike, twist: ArrayLike, rows: Sequence[str] = ("x", "y", "z"), frame: str = "chassis"
     ) -> Array:
-        """(7,) joint velocities for a hand twist (k,), whose components are `rows` in `frame`.
+        """(7,) joint velocities for a hand twist (k,); `rows` names its components in `frame`.
 
         The chair's velocities q1' and q2' are in the world frame.
 
@@ -97,7 +97,7 @@ class PseudoinverseLaw:
         return self._base.wheel_speeds(chassis)
 
     def excess(self, q: ArrayLike, velocity: ArrayLike, last: ArrayLike, dt: float) -> Excess:
-        """Limit violations at q (7,) by the command `velocity` (7,), given dt [s] after the command `last` (7,)."""
+        """By how much the command `velocity` (7,) violates limits at q (7,), `dt` [s] after the command `last` (7,)."""
         chain, angles = self.robot.chain, np.asarray(q, dtype=np.float64)
         now, before = (self.robot.chassis_velocity(angles, each) for each in (velocity, last))
         ahead = angles + np.asarray(velocity, dtype=np.float64) * dt

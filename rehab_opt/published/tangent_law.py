@@ -38,7 +38,7 @@ SETTLING = 20.0  # [1/k0] time to find a start posture if none is given
 
 
 class Tracking(Enum):
-    """Result of one sample."""
+    """Result for one sample of a path."""
 
     OK = "ok"  #: hand within the tolerance, handle within its tilt
     OFF = "off_target"  #: hand or handle is outside its tolerance
@@ -47,7 +47,7 @@ class Tracking(Enum):
 
 @dataclass(frozen=True)
 class TangentPath:
-    """The posture of every sample of a path."""
+    """Postures for all samples of a path."""
 
     q: Array
     """(N, n) [rad], inside the joint limits, always finite."""
@@ -126,13 +126,13 @@ class TangentLaw:
 
     # ------------------------------------------------------------------------------------------- the equations
     def transformed(self, q: ArrayLike) -> Array:
-        """Variables v (m,) of the joints that are not locked, Eq. (8); q (n,) [rad] is clipped into the limits."""
+        """Variables v (m,) of the joints that are not locked, Eq. (8); q (n,) [rad] is first clipped into limits."""
         fraction = 2.0 * (np.asarray(q, dtype=np.float64) - self._middle)[self._free] / self._width
         v = np.tan(0.5 * math.pi * np.clip(fraction, -1.0, 1.0))
         return np.clip(v, -self.saturation, self.saturation)
 
     def joints(self, v: Array) -> Array:
-        """Joint values q (n,) [rad], Eq. (9): inside the limits for any v (m,)."""
+        """Joint values q (n,) [rad] for v (m,), Eq. (9); they are inside the limits for any v."""
         q = self._middle.copy()
         q[self._free] += self._width / math.pi * np.arctan(v)
         return np.clip(q, self.arm.lower, self.arm.upper)
@@ -166,7 +166,7 @@ class TangentLaw:
 
     # ------------------------------------------------------------------------------------------------ the path
     def follow(self, path: ArrayLike, start: ArrayLike | None = None) -> TangentPath:
-        """Postures along a hand path, also for targets that are out of reach or not finite.
+        """Postures that follow a hand path; its points may be out of reach or not finite.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class TangentLaw:
         return TangentPath(q=postures, status=status, position_error=errors, handle_tilt=tilts, seconds=seconds)
 
     def _integrated(self, v: Array, begin: Array, end: Array, *, steps: int, h: float) -> Array:
-        """Variables v (m,) after `steps` Euler steps of h [s], while the target moves from `begin` to `end` (3,)."""
+        """Variables v (m,) after `steps` Euler steps of h [s], in which the target moves from `begin` to `end` (3,)."""
         for i in range(1, steps + 1):
             v = v + h * self.rate(v, begin + (end - begin) * (i / steps))
             v = np.clip(v, -self.saturation, self.saturation)

@@ -32,7 +32,7 @@ class _Background:
         self.child: subprocess.Popen[bytes] | None = None
 
     def go_on(self) -> None:
-        """Do the work in the queue, forever."""
+        """Work through the queue, forever."""
         while True:
             work, raised = self.work.get(), True
             usual = sys.getswitchinterval()
@@ -101,7 +101,7 @@ def idle(command: Sequence[str], *, environment: Mapping[str, str], seconds: flo
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child and its own children: a compiler's driver starts the compiler as a child."""
+    """End a child process and its own children: a compiler's driver starts the compiler as a child."""
     if child.poll() is None:
         try:
             os.killpg(child.pid, signal.SIGKILL)
@@ -117,7 +117,7 @@ def _end_child() -> None:
 
 
 def _begin_anew() -> None:
-    """Reset the state in a forked process, which has none of the parent's threads or work."""
+    """Clear the state in a forked process, which has none of the parent's threads and work."""
     global _now  # noqa: PLW0603
     _now = _Background()
 

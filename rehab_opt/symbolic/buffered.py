@@ -59,7 +59,7 @@ class BufferedFunction:
                 self._take(quick)
 
     def _take(self, function: ca.Function) -> None:
-        """Evaluate this function from now on, on the same arrays."""
+        """Evaluate `function` from now on, on the same arrays."""
         buffer, evaluate = function.buffer()
         # CasADi's stub requires a size, which a memoryview contains.
         for i, array in enumerate(self.inputs):
@@ -72,7 +72,7 @@ class BufferedFunction:
             self.evaluate = evaluate if self._around is None else self._around(evaluate)
 
     def surround(self, around: Callable[[Call], Call]) -> None:
-        """Wrap every later call with `around`."""
+        """Replace every later evaluation by `around(evaluation)`."""
         with _exchanging:
             self._around = around
             self.evaluate = around(self.evaluate)
@@ -85,7 +85,7 @@ class BufferedFunction:
         raise SharingError("a BufferedFunction cannot be copied or pickled: make one of its function for each thread")
 
     def of(self, *values: ArrayLike) -> Array:
-        """Copy of the first output at the given inputs, with numpy's conversions."""
+        """Copy of the first output for the given inputs, which may be anything that numpy converts."""
         for array, value in zip(self.inputs, values, strict=True):
             array[...] = value
         self.evaluate()
@@ -93,7 +93,7 @@ class BufferedFunction:
 
 
 def mapped(function: ca.Function) -> Callable[[Array], Array]:
-    """Evaluate a function of one column at M inputs (M, n); the result is a copy of its first outputs (M, k)."""
+    """Evaluate a function of one column at each of M inputs (M, n); the result (M, k) is a copy of its first output."""
     at = functools.cache(lambda count: BufferedFunction(function.map(count)).of)
     return lambda columns: at(len(columns))(columns.T.squeeze()).reshape(-1, len(columns)).T
 

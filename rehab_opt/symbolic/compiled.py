@@ -81,7 +81,7 @@ _waiting: list[Callable[[str], AbstractContextManager[object]]] = []
 
 @contextmanager
 def tell_of_waiting(around: Callable[[str], AbstractContextManager[object]]) -> Iterator[None]:
-    """Context in which each wait for a compiler runs within `around(function name)`; the command line reports it."""
+    """Context in which `around(function name)` surrounds each wait for a compiler; the command line reports it."""
     _waiting.append(around)
     try:
         yield
@@ -102,7 +102,7 @@ def compiled(function: ca.Function, *, compile: Compile = None) -> ca.Function:
 def machine_code(
     function: ca.Function, *, compile: Compile = None, ready: weakref.WeakMethod[Callable[[ca.Function], None]]
 ) -> ca.Function:
-    """`function` as machine code, from the cache or after a wait; else `function` itself: `ready` gets the code later.
+    """`function` as machine code, if cached or awaited; else `function` itself, and `ready` gets the code later.
 
     Another thread calls `ready`, unless its object is gone by then or compilation failed.
     """
@@ -128,9 +128,7 @@ def machine_code(
 
 
 def how(compile: Compile) -> Literal["no", "background", "wait"]:
-    """Mode of compilation from the argument `compile` and `REHAB_OPT_COMPILE`; `ConfigurationError` for an unknown
-    value.
-    """
+    """Mode of compilation that `compile` and `REHAB_OPT_COMPILE` give; an unknown value raises `ConfigurationError`."""
     if not (compile is None or compile is False or compile == "wait"):
         raise ConfigurationError("compile", compile, 'None, "wait" or False')
     if compile is False or not compilation_wanted():
@@ -144,7 +142,7 @@ def compilation_wanted() -> bool:
 
 
 def optimisation() -> str:
-    """Level of the compiler from `REHAB_OPT_OPTIMISE`; `ConfigurationError` for an unknown level."""
+    """Optimisation level in `REHAB_OPT_OPTIMISE`; an unknown one raises `ConfigurationError`."""
     level = os.environ.get("REHAB_OPT_OPTIMISE", "3").strip()
     if level not in LEVELS:
         raise ConfigurationError("REHAB_OPT_OPTIMISE", level, f"one of {', '.join(LEVELS)}")
@@ -156,7 +154,7 @@ def _said() -> str:
 
 
 class _Code(NamedTuple):
-    """C code of a function, and its compiler."""
+    """C code of a function, and the compiler for it."""
 
     function: str
     source: str
@@ -165,7 +163,7 @@ class _Code(NamedTuple):
     version: str
 
     def digest(self, text: str) -> bytes:
-        """Digest of a source text, this compiler and this machine."""
+        """Digest of `text` together with this compiler and this machine."""
         return hashlib.sha256("\0".join((text, self.version, *self.compiler[1:], platform.machine())).encode()).digest()
 
 
@@ -182,7 +180,7 @@ def _code_of(function: ca.Function) -> _Code | None:
 
 
 def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Function | None:
-    """The function from the cache; if it is missing and `build` is true, compiled now. None if there is no code."""
+    """The function from the cache or, if `build` is true, compiled now; None if there is no machine code."""
     try:
         folder, source = _folder(), ""
         own_name = _name(code.function, code.digest(code.source))
@@ -216,7 +214,7 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
 
 
 def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.Function:
-    """The function with these constants, loaded from its own copy of the library, which has one table of constants."""
+    """The function, loaded from its own copy of the library, because a library has only one table of constants."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)
@@ -251,7 +249,7 @@ def cache_folder() -> Path:
 
 
 def _folder() -> Path:
-    """Cache folder with links resolved, or a private one for this process if others can write to it."""
+    """Cache folder with links resolved; if others can write to it, a private folder of this process."""
     wanted = cache_folder()
     make_private(wanted)
     folder = wanted.resolve()
@@ -261,7 +259,7 @@ def _folder() -> Path:
 
 @functools.cache
 def _instead_of(folder: Path, problem: str) -> Path:
-    """Private folder that replaces an unsafe cache folder; the `problem` is logged once."""
+    """Private folder in place of an unsafe cache folder; the `problem` is logged once."""
     private = _private_folder()
     _log.warning(
         "compiled code is not kept in %s, where others could exchange it: %s. It is compiled again in each process, in "
@@ -273,7 +271,7 @@ def _instead_of(folder: Path, problem: str) -> Path:
 
 @functools.cache
 def _private_folder() -> Path:
-    """Folder for this process alone, removed at its end."""
+    """Folder for this process alone, removed when the process ends."""
     folder = Path(tempfile.mkdtemp(prefix="rehab_opt-")).resolve()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     problem = exposed(folder)
@@ -283,7 +281,7 @@ def _private_folder() -> Path:
 
 
 def _cached(folder: Path, name: str, kind: str) -> bytes | None:
-    """Content of a cached file if it is this user's and undamaged; its digest is in its name."""
+    """Content of a cached file if it belongs to this user and matches the digest in its name."""
     for file in folder.glob(f"{name}-*{kind}"):
         content = _own_content(file)
         if content is not None and file.stem.rpartition("-")[2] == _digest(content):

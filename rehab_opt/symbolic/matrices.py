@@ -31,7 +31,7 @@ def _extended(minors: dict[tuple[int, ...], ca.SX], column: Sequence[ca.SX]) -> 
 
 
 def solver_of(matrix: ca.SX) -> Callable[[ca.SX], ca.SX]:
-    """Function: right-hand sides (n, k) -> solutions (n, k) for a symmetric, positive definite matrix (n, n).
+    """Function (right-hand sides (n, k)) -> solutions (n, k), for a symmetric, positive definite matrix (n, n).
 
     For another matrix the result is not finite: the caller must certify it.
     """

@@ -36,33 +36,33 @@ class Record:
         self.size = at
 
     def __getitem__(self, name: str) -> int:
-        """Index in the column at which the part `name` begins."""
+        """Index where the part `name` begins in the column."""
         return int(self.places[name].start)
 
     def symbols(self, name: str) -> Values:
-        """Column of symbols, and its parts."""
+        """Two results: a column of symbols, and its parts."""
         return self.parts(ca.SX.sym(name, self.size))
 
     def parts(self, column: ca.SX) -> Values:
-        """Parts of a column (size,)."""
+        """Split a column (size,) into its parts."""
         return Values(column, {each: column[place] for each, place in self.places.items()})
 
     def changed(self, values: Values, **others: ca.SX) -> Values:
-        """Values with some parts replaced."""
+        """The values, with some of the parts replaced."""
         parts = {each: others.pop(each, getattr(values, each)) for each in self.places}
         if others:
             raise KeyError(*others)
         return self.parts(self.of(**parts))
 
     def numbers(self, **parts: ArrayLike) -> NDArray[np.float64]:
-        """Column (size,) of numbers; a scalar fills its part."""
+        """Column (size,) of numbers, given for each part; a scalar fills its part."""
         column = np.empty(self.size)
         for name in self.places.keys() | parts.keys():
             column[self.places[name]] = parts[name]
         return column
 
     def of(self, **parts: ca.SX) -> ca.SX:
-        """Column (size,) of these parts."""
+        """Column (size,) made of these parts."""
         if parts.keys() != self.places.keys():
             raise KeyError(*(parts.keys() ^ self.places.keys()))
         column = ca.densify(ca.vertcat(*(ca.vec(ca.SX(parts[name])) for name in self.places)))

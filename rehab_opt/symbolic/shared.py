@@ -46,7 +46,7 @@ class Evaluator:
         self._functions: dict[str, PerThread[BufferedFunction]] = {}
 
     def of(self, expression: Callable[..., ca.SX], *values: NDArray[Any]) -> NDArray[Any]:
-        """Value of a symbolic function at arrays; their shapes must be the same in every call."""
+        """Numerical value of a symbolic function at arrays, which must have the same shapes in every call."""
         known = self._functions.get(expression.__name__)
         if known is None:
             symbols = [ca.SX.sym("value", *value.shape) for value in values]
@@ -74,7 +74,7 @@ class HasEvaluator:
 
 
 def remembered(form: Hashable, make: Callable[[], T]) -> T:
-    """Result of `make()`, cached by `form`, which must contain everything that the result depends on.
+    """Result of `make()`, cached under the key `form`, which must contain everything that the result depends on.
 
     Threads may share the result, since CasADi's wheels count references atomically. With other builds of CasADi, and
     with the form None, nothing is cached.
@@ -89,7 +89,7 @@ def remembered(form: Hashable, make: Callable[[], T]) -> T:
 
 
 def form_of_parts(*parts: object) -> bytes | None:
-    """Digest of all parts as a form for `remembered`; None if a part is a user's code, which may change unnoticed."""
+    """Digest of all parts, a key for `remembered`; None if a part is a user's code, which may change unnoticed."""
     written = io.BytesIO()
     try:
         _Parts(written).dump(parts)

@@ -28,7 +28,7 @@ class Stages:
 
     # ---------------------------------------------------------------------------------------------------- the marks
     def once(self, value: Marked) -> Marked:
-        """Symbols for an expression, or for each of a tuple; constants stay as they are."""
+        """Symbols that stand for an expression, or for each expression of a tuple; constants are returned unchanged."""
         if isinstance(value, tuple):
             make = getattr(value, "_make", tuple)
             return cast("Marked", make([self.once(each) for each in value]))
@@ -42,7 +42,7 @@ class Stages:
     def when(
         self, condition: ca.SX, value: ca.SX | Callable[[], ca.SX], otherwise: ca.SX | Callable[[], ca.SX]
     ) -> ca.SX:
-        """`value` if the condition holds, else `otherwise`, of the same shape; only that one is evaluated.
+        """`value` if the condition holds, else `otherwise`; only the chosen one is evaluated. Both have the same shape.
 
         Both are expressions, or functions without arguments that return one and may set marks.
         """
@@ -82,7 +82,7 @@ class Stages:
 
     # ------------------------------------------------------------------------------------------------ derived functions
     def function(self, name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
-        """Function from columns of symbols to expressions of these and of marked symbols."""
+        """Function with `inputs`, columns of symbols; its `outputs` may use these and marked symbols."""
         return _function(name, self._stages, inputs, outputs)
 
     def precomputed(
@@ -104,25 +104,25 @@ class Stages:
 
 @dataclass(frozen=True, eq=False)
 class _Once:
-    """A marked value."""
+    """Symbols that stand for a value, and the value."""
 
     symbols: ca.SX
     value: ca.SX
 
     @cached_property
     def gives(self) -> set[int]:
-        """Symbols of this value."""
+        """Hashes of the symbols that stand for this value."""
         return _hashes(self.symbols)
 
     @cached_property
     def free(self) -> set[int]:
-        """Symbols that this value needs."""
+        """Hashes of the symbols that this value needs."""
         return _hashes(self.value)
 
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """A function call that is not a scalar expression."""
+    """A function call; its outputs get symbols."""
 
     columns: list[ca.SX]
     """Symbols of the outputs."""
@@ -134,24 +134,24 @@ class _Call:
 
     @cached_property
     def gives(self) -> set[int]:
-        """Symbols of the outputs."""
+        """Hashes of the symbols that stand for the outputs."""
         return _hashes(*self.columns)
 
     @cached_property
     def free(self) -> set[int]:
-        """Symbols that the call needs."""
+        """Hashes of the symbols that the call needs."""
         return _hashes(*self.arguments) | self.beside
 
 
 class _Branch(NamedTuple):
-    """One of two branches: an expression as a column, and the marks in it."""
+    """One of the two branches of `when`: an expression as a column, and the marks set inside it."""
 
     stages: list[_Once | _Call]
     value: ca.SX
     shape: tuple[int, int]
 
     def free(self) -> set[int]:
-        """Symbols that the branch needs from outside."""
+        """Hashes of the symbols that the branch needs from outside."""
         own = set[int]().union(*(stage.gives for stage in self.stages))
         return set[int]().union(_hashes(self.value), *(stage.free for stage in self.stages)) - own
 
@@ -195,7 +195,6 @@ def _entries(matrix: ca.SX) -> ca.SX:
 
 
 def _hashes(*expressions: ca.SX) -> set[int]:
-    """Hashes of the symbols in expressions."""
     return {each.element_hash() for each in ca.symvar(ca.veccat(ca.SX(0, 1), *expressions))}
 
 
@@ -212,7 +211,7 @@ def _function(
 
 
 def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]) -> tuple[ca.SX, ca.Function]:
-    """Two results: column of the marked symbols in `asked` that are no input; function from inputs to its value.
+    """Two results: the marked symbols in `asked` that are not inputs, one column; function (inputs) -> their values.
 
     The function alternates between one part without branches and the branches that depend on its outputs.
     """
@@ -248,7 +247,7 @@ def _column(stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set
 def _needed(
     stages: Sequence[_Once | _Call], inputs: Sequence[ca.SX], asked: set[int]
 ) -> tuple[list[_Once | _Call], list[int]]:
-    """Two lists: the stages that compute `asked` from the inputs, and the level of each.
+    """Two lists: the stages that must be evaluated to get the symbols `asked` from `inputs`, and each stage's level.
 
     The level is the largest number of calls that depend on one another, up to and including the stage.
     """
@@ -269,7 +268,7 @@ def _needed(
 
 
 def _evaluated(turn: int, values: Sequence[_Once], known: _Known, outputs: Sequence[ca.SX]) -> list[ca.MX]:
-    """Evaluate expressions of known symbols and of values, each of which may use earlier ones."""
+    """Values of `outputs`, which use known symbols and `values`; each of these may use the ones before it."""
     if not any(each.numel() for each in outputs):
         return [ca.MX(0, 1) for _ in outputs]
     symbols, definitions = [each.symbols for each in values], [each.value for each in values]

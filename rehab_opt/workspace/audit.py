@@ -58,7 +58,7 @@ class Audit:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """One sentence for each number that is outside its threshold; NaN counts as outside."""
+        """Why the audit failed: one sentence for each number outside its threshold; NaN counts as outside."""
         ratio, margin, accuracy = self.overall_ratio, self.certificate.margin, self.target_accuracy
         largest, smallest = self.max_stretch / ratio, self.min_stretch / ratio
         found = {
@@ -91,7 +91,7 @@ class Audit:
 
 
 def random_points(workspace: Workspace, samples: int, seed: int) -> NDArray[np.float64]:
-    """Points (samples, 2) [m] drawn uniformly from a workspace that is not empty."""
+    """Uniformly random points (samples, 2) [m] in a workspace, which must not be empty."""
     random = np.random.default_rng(seed)
     left, bottom, right, top = workspace.polygon.bounds
     fraction = workspace.area / ((right - left) * (top - bottom))

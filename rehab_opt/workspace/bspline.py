@@ -83,7 +83,7 @@ class PlaneBSpline(PlaneMap):
 
 
 def basis(t: Array, derivative: int) -> Array:
-    """(m, 4) values of a cell's four B-splines, or of their first or second derivatives, at t (m,) in [0, 1]."""
+    """(m, 4) values of the four B-splines on a cell, or of a derivative up to the second, at t (m,) in [0, 1]."""
     powers = np.zeros((len(t), 4))
     for k in range(derivative, 4):
         powers[:, k] = math.perm(k, derivative) * t ** (k - derivative)
@@ -92,7 +92,7 @@ def basis(t: Array, derivative: int) -> Array:
 
 @cache
 def _in_cell() -> ca.Function:
-    """Function (position in a cell (2,), 4 x 4 coefficients (32,)) -> (image (2,), its derivatives (2, 2))."""
+    """Function (position in a cell (2,), its 4 x 4 coefficients (32,)) -> (image (2,), its derivatives (2, 2))."""
     place, local = ca.SX.sym("place", 2), ca.SX.sym("local", 32)
     powers = [ca.vertcat(1, t, t**2, t**3) for t in ca.vertsplit(place)]
     across, along = (ca.DM(CUBIC) @ each for each in powers)
@@ -101,7 +101,7 @@ def _in_cell() -> ca.Function:
 
 
 def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], order: tuple[int, int] = (0, 0)) -> Any:
-    """Sparse (M, coefficients of one coordinate) matrix of B-splines, or of a derivative, at points (M, 2)."""
+    """Sparse matrix: coefficients of one coordinate -> values (M,) of the spline or a derivative at points (M, 2)."""
     from scipy.sparse import csr_array  # noqa: PLC0415  (slow to import)
 
     u, k = _cells_of(points, low, step, cells)
@@ -115,7 +115,7 @@ def net_columns(points: Array, low: Array, step: Array, cells: tuple[int, int], 
 
 
 def _cells_of(points: Array, low: Array, step: Array, cells: tuple[int, int]) -> tuple[Array, NDArray[np.intp]]:
-    """Two results: each point's position in its cell (M, 2), from 0 to 1, and the cell (M, 2), the first for NaN."""
+    """Two results: each point's position in its cell (M, 2), from 0 to 1, and index of the cell (NaN: the first)."""
     u = np.clip((points - low) / step, 0.0, cells)
     k = np.clip(np.floor(np.nan_to_num(u)), 0, np.array(cells) - 1).astype(np.intp)
     return u - k, k

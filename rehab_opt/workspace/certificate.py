@@ -80,11 +80,7 @@ class Certificate(NamedTuple):
 
 
 class DeterminantBounds(NamedTuple):
-    """Bounds of a map's derivatives that hold all over a set.
-
-    determinant : lower bound of det J [-]. stretch : upper bound of the largest singular value of J [-].
-    cells : number of examined cells. doubtful : (m, 2) [m] centres of cells whose bound is not positive.
-    """
+    """Bounds of a map's derivatives that hold everywhere in a set."""
 
     determinant: float
     stretch: float
@@ -93,7 +89,7 @@ class DeterminantBounds(NamedTuple):
 
 
 def certificate(spline: PlaneMap, source: Workspace, target: Workspace) -> Certificate:
-    """Certificate of a map from one workspace into another; both are in one piece and without holes."""
+    """Try to prove that a map leads one workspace one-to-one into another; both must be in one piece without holes."""
     return examined(spline, source, target)[0]
 
 
@@ -121,7 +117,7 @@ def examined(spline: PlaneMap, source: Workspace, target: Workspace) -> tuple[Ce
 
 # ------------------------------------------------------------------------------------------------------------ det J
 def determinant_bounds(spline: PlaneBSpline, region: Polygon, *, enough: float = 0.0) -> DeterminantBounds:
-    """Bounds over a set within the net; a cell whose bound is above `enough` is not halved.
+    """Bounds of the derivatives over a set within the net; cells whose bound exceeds `enough` are not halved.
 
     A set that leaves the net has no bound.
     """
@@ -161,7 +157,7 @@ def determinant_bounds(spline: PlaneBSpline, region: Polygon, *, enough: float =
 
 
 def quartered(cells: Array, corner: Array, size: Array) -> tuple[Array, Array]:
-    """Bernstein coefficients (4 m, 4, 4, ...) and lower left corners of the quarters of m cells."""
+    """Split m cells into quarters: their Bernstein coefficients (4 m, 4, 4, ...) and lower left corners."""
     halves = (FIRST_HALF, FIRST_HALF[::-1, ::-1])
     parts = [(i, j) for i in (0, 1) for j in (0, 1)]
     quarters = [np.einsum("pk,mklc,ql->mpqc", halves[i], cells, halves[j]) for i, j in parts]
@@ -169,7 +165,7 @@ def quartered(cells: Array, corner: Array, size: Array) -> tuple[Array, Array]:
 
 
 def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
-    """Two results (m,) for each cell: smallest Bernstein coefficient of det J, and smallest det J at a corner."""
+    """Two results (m,), for each cell: smallest Bernstein coefficient of det J, smallest det J at its corners."""
     along_u, along_v = (3.0 * np.diff(cells, axis=axis) for axis in (1, 2))
     (xu, yu), (xv, yv) = (_scaled(along_u, 2, 3), _scaled(along_v, 3, 2))
     product = np.zeros((len(cells), 6, 6))
@@ -181,7 +177,7 @@ def _smallest_determinants(cells: Array) -> tuple[Array, Array]:
 
 
 def _scaled(slopes: Array, p: int, q: int) -> tuple[Array, Array]:
-    """The x and the y Bernstein coefficients, times binomials: products of polynomials become convolutions."""
+    """Bernstein coefficients of x and of y, times binomials, so that a product of polynomials becomes a convolution."""
     weights = np.outer(_binomials(p), _binomials(q))
     return slopes[..., 0] * weights, slopes[..., 1] * weights
 
@@ -192,14 +188,13 @@ def _binomials(n: int) -> Array:
 
 # ------------------------------------------------------------------------------------------------------- the outline
 class _Chords(NamedTuple):
-    """Polygon through images of an outline's points, within `error` [m] of every point of the true image."""
+    """Polygon that approximates the image of an outline: every point of the true image is within `error` [m] of it."""
 
     polygon: Polygon
     error: float
 
 
 def _chords(spline: PlaneBSpline, region: Polygon, stretch: float) -> _Chords:
-    """Chords of the image of an outline; each point is at most half a piece from an end of its piece."""
     from shapely import Polygon as Outline  # noqa: PLC0415
     from shapely import get_coordinates  # noqa: PLC0415
 
@@ -209,7 +204,7 @@ def _chords(spline: PlaneBSpline, region: Polygon, stretch: float) -> _Chords:
 
 
 def _encloses(outer: _Chords, inner: _Chords) -> bool:
-    """Whether the true outer curve, within its chords' error, winds once around every point of the true inner curve."""
+    """Whether the true outer curve provably winds once around every point of the true inner curve."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
     from shapely import get_coordinates  # noqa: PLC0415
 

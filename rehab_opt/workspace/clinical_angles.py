@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 class ClinicalAngle(NamedTuple):
-    """Use of one clinical angle in the model."""
+    """One clinical angle, and how the model uses it."""
 
     column: str  # name in the files of Vanmechelen et al.
     name: str  # clinical name; the name gives the positive direction

@@ -21,7 +21,7 @@ CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
 class Crossing(NamedTuple):
-    """Crossing of the level curve with an edge of the lattice."""
+    """Point where the level curve crosses an edge of the lattice."""
 
     x: float
     y: float
@@ -31,7 +31,7 @@ class Crossing(NamedTuple):
 
 
 def missing_nodes(lattice: Lattice, level: float) -> list[tuple[Key, Key]]:
-    """Pairs for cells that the level crosses: a missing node, and the cell's known node nearest to the slice."""
+    """Pairs for cells that the level curve crosses: a missing node, and the cell's known node nearest to the slice."""
     cells, distances = _crossed(lattice, level)
     lacking = np.isnan(distances).any(axis=1)
     nearest = np.nanargmin(distances[lacking], axis=1)
@@ -43,7 +43,7 @@ def missing_nodes(lattice: Lattice, level: float) -> list[tuple[Key, Key]]:
 
 
 def contours(lattice: Lattice, level: float) -> list[list[Crossing]]:
-    """Closed curves at the distance `level` [m] from the slice; nearer points lie on their left."""
+    """Closed curves on which the distance from the slice is `level` [m]; nearer points lie on their left."""
     following: dict[Edge, Edge] = {}
     for (i, j), distances in zip(*(each.tolist() for each in _crossed(lattice, level)), strict=True):
         if any(map(math.isnan, distances)):
@@ -78,7 +78,7 @@ def _rings(lattice: Lattice, level: float, following: dict[Edge, Edge]) -> list[
 
 
 def _crossed(lattice: Lattice, level: float) -> tuple[NDArray[np.int64], Array]:
-    """Two results for cells that the level crosses: lower left corners (N, 2); distances (N, 4), NaN without a node."""
+    """Two results for cells that the curve crosses: lower left corners (N, 2); distances (N, 4), NaN without a node."""
     keys = np.array(list(lattice.nodes), dtype=np.int64).reshape(-1, 2)
     known = np.array([node.distance for node in lattice.nodes.values()])
     order = np.lexsort(keys.T[::-1])

@@ -60,6 +60,6 @@ class ControllerMap:
         return self.spline.jacobian(self.source.nearest(point))
 
     def preimage(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Point of the source (2,) [m] with this image, by Newton's method, for displays; NaN if there is none."""
+        """Point of the source (2,) [m] with this image, by Newton's method, for displays; NaN if none is found."""
         found = self.spline.inverse(point)
         return found if self.source.contains(found) else found * math.nan

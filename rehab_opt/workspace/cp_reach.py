@@ -88,7 +88,7 @@ def reach_groups(
     cover: float = 0.5,
     pronation_zero: float | Literal["grasp"] = 0.0,
 ) -> dict[tuple[str, str], ReachGroup]:
-    """Range of motion used, by (task, group), from the files in `folder` (`cp_dyskinetic_reach`).
+    """Range of motion that each group used in each task, by (task, group), from the files in `folder`.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def reach_groups(
 
 
 def grasp_zero(reach: ReachAngles) -> float:
-    """Pronation [rad] that counts as zero, so that the median limb ends with its thumb nearest to upright.
+    """Pronation [rad] that counts as zero: with it, the median limb ends a grasp with its thumb nearest to upright.
 
     A grasp of a vertical object ends in such a posture, so this calibrates the zero that the files leave open. The
     result is zero if the files follow ISB and the hand grasps squarely.
@@ -165,7 +165,7 @@ def group_range(
 
 
 def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[str, Array]:
-    """Curves (limbs, T) [rad] of each model joint; for shoulder and wrist every combination of rows counts as a limb.
+    """Curves (limbs, T) [rad] of each model joint; at shoulder and wrist, each combination of rows counts as a limb.
 
     Rows of elevation plane and axial rotation belong together: the same rows are missing from both files. At the start
     of a reach the two compensate each other. Their correlation there is -0.41 to -0.85; at most 4 % of random
@@ -184,7 +184,7 @@ def _model_curves(angles: Mapping[str, Array], pronation_zero: float) -> dict[st
 
 
 def _shoulder_rows(plane: Array, elevation: Array, axial: Array) -> list[Array]:
-    """Rows (limbs, T) of the three angles: each paired row of plane and axial rotation with every row of elevation."""
+    """Curves (limbs, T) of the three angles: each pair of plane and axial rotation, with each row of elevation."""
     if len(plane) != len(axial):
         return _combined(plane, elevation, axial)
     pairs = np.arange(len(plane)).repeat(len(elevation))
@@ -192,7 +192,7 @@ def _shoulder_rows(plane: Array, elevation: Array, axial: Array) -> list[Array]:
 
 
 def _combined(first: Array, second: Array, third: Array) -> list[Array]:
-    """All combinations of rows: three arrays (n1 n2 n3, T)."""
+    """Three arrays (n1 n2 n3, T): every combination of a row of each."""
     rows = (first[:, None, None, ::EVERY], second[None, :, None, ::EVERY], third[None, None, :, ::EVERY])
     return [combined.reshape(-1, combined.shape[-1]) for combined in np.broadcast_arrays(*rows)]
 

@@ -27,7 +27,7 @@ SHORTEST_SQUARE = 1e-200
 
 
 def edge_columns(polygon: Any) -> NDArray[np.float64]:
-    """Table (size, 6) of a valid polygon's edges, with the inside on their left; edges without length fill it up."""
+    """Table (size, 6) of a valid polygon's edges, whose inside is on the left; edges of length zero fill the table."""
     import shapely  # noqa: PLC0415  (loaded with the first workspace)
     from shapely.geometry.polygon import orient  # noqa: PLC0415
 

@@ -78,7 +78,7 @@ def disc_map(mesh: PlaneMesh) -> DiscMap:
 
 
 def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"]) -> list[float]:
-    """Rotations [rad] of the source's disc for which pairs on the outlines fit a similarity best.
+    """Rotations [rad] of the source's disc for which corresponding outline points fit a similarity best.
 
     The pairs z, w are centred complex numbers. The residual is least where the sum of conj(z) w has the largest
     component in the direction of the given rotation or, for a free rotation, the largest modulus.
@@ -95,7 +95,7 @@ def turns(source: PlaneMesh, target: PlaneMesh, rotation: float | Literal["best"
 
 
 def _along(mesh: PlaneMesh, fraction: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Centred points of the outline at these fractions of its length, as complex numbers."""
+    """Points at these fractions of the outline's length, as complex numbers whose mean is zero."""
     outline = mesh.points[: mesh.boundary]
     closed = np.concatenate([outline, outline[:1]])
     at = fraction * mesh.boundary
@@ -130,7 +130,7 @@ def interpolate(
 
 
 def _laplacian(mesh: PlaneMesh):  # type: ignore[no-untyped-def]
-    """Laplacian with cotangent weights, which are positive on a Delaunay mesh up to rounding."""
+    """Laplace matrix with cotangent weights, which on a Delaunay mesh are positive apart from rounding."""
     from scipy.sparse import coo_array, diags_array  # noqa: PLC0415  (slow to import)
 
     n, rows, columns, weights = len(mesh.points), [], [], []

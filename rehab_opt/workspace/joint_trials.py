@@ -23,7 +23,7 @@ WIDEST = 2 * math.pi
 
 
 def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[Array]]:
-    """Trials (T_i,) of each joint from any form of angles that `range_of_motion` accepts.
+    """Trials (T_i,) by joint, from any form of angles that `range_of_motion` accepts.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def joint_trials(angles: object, names: Sequence[str] | None) -> dict[str, list[
 
 
 def _split(given: object, rank: int) -> list[object]:
-    """Split `given` into trials: the elements of a list or stacked array, or `given` itself."""
+    """`given` as a list of trials: its elements if it is a list or a stacked array, else `given` alone."""
     if isinstance(given, np.ndarray):
         return list(given) if given.ndim == rank + 1 else [given]
     if isinstance(given, Sequence) and len(given) and not isinstance(given, str):
@@ -74,7 +74,7 @@ def _of_rank(argument: str, trial: object, rank: int) -> Array:
 
 
 def one_branch(name: str, trials: Sequence[Array], bound: tuple[float, float] | None) -> Array:
-    """All samples of a joint, shifted by whole turns: to the branch of the first trial, or to the one within `bound`.
+    """All samples of a joint, shifted by whole turns: next to the first trial or, if `bound` is given, into it.
 
     Raises
     ------

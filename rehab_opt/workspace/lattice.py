@@ -80,7 +80,7 @@ class Lattice:
         yield from ((i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1))
 
     def offer(self, offers: Iterable[tuple[Key, Array]]) -> None:
-        """Solve for all nodes with offered starts together; create the nodes that are new."""
+        """Try to improve nodes from offered start postures; all solves run together, and missing nodes are created."""
         asked: dict[Key, list[Array]] = {}
         for key, posture in offers:
             asked.setdefault(key, []).append(posture)
@@ -100,7 +100,7 @@ class Lattice:
                 self._take(key, self.search.by_backup(*self._at(key), asked[key][0]))
 
     def spread(self) -> None:
-        """Continue until no node can improve another."""
+        """Offer improved postures to neighbours until no node improves any more."""
         while self._waiting:
             wave, self._waiting = self._waiting, {}
             offers: list[tuple[Key, Array]] = []
@@ -110,7 +110,7 @@ class Lattice:
             self.offer([*offers, *self._worth_a_try(others)])
 
     def _to_neighbours(self, key: Key, offers: list[tuple[Key, Array]], others: list[tuple[Node, Key, Array]]) -> None:
-        """Sort a node's postures for its neighbours into promising `offers` and `others`."""
+        """Offer a node's posture to its neighbours: append it to `offers` if it is promising, else to `others`."""
         node, nodes, spacing = self.nodes[key], self.nodes, self.spacing
         posture = node.posture
         assert posture is not None

@@ -26,7 +26,7 @@ FAR = 1.0
 
 
 class SurfaceMesh(NamedTuple):
-    """Triangles of a surface."""
+    """A surface made of triangles."""
 
     vertices: Array
     """(V, 3) [m]"""

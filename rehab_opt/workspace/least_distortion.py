@@ -72,7 +72,7 @@ TURN_WEIGHT = 100.0
 
 
 class Task(NamedTuple):
-    """Points (n, 2) [m] of the source near which the map should be a similarity, their images (n, 2) [m], a weight."""
+    """Points (n, 2) [m] around which the map should be a similarity, their images (n, 2) [m], and a weight."""
 
     points: Array
     images: Array
@@ -124,13 +124,13 @@ def _evenness(spline: PlaneBSpline, source: Workspace, target: Workspace) -> tup
 
 
 def room_kept(target: Workspace) -> float:
-    """Desired distance [m] of an image from the target's outline."""
+    """Distance [m] that images should keep from the target's outline."""
     radius = inradius(outline_polygon(target))
     return min(SHRINKAGE * radius + target.accuracy, MAX_SHRINKAGE * radius)
 
 
 class _Frame:
-    """A polygon scaled to unit area around its centroid."""
+    """A polygon, scaled to unit area and centred at its centroid."""
 
     def __init__(self, polygon: Polygon) -> None:
         from shapely import transform  # noqa: PLC0415  (light to import)
@@ -152,7 +152,7 @@ def _in_metres(net: _Net, coefficients: Array, source: _Frame, target: _Frame) -
 
 
 class _Anchor(NamedTuple):
-    """Cost of weighted squared distances between the points columns @ C and `images` (m, 2)."""
+    """Cost that draws the points columns @ C to `images` (m, 2): weighted squared distances."""
 
     columns: Any
     images: Array
@@ -205,7 +205,7 @@ class _Net:
         self.along_x, self.along_y = self._columns(self.places, 1, 0), self._columns(self.places, 0, 1)
 
     def refine(self, points: Array, *, knots: bool) -> None:
-        """Add points (m, 2) at which distortion is summed; with `knots`, halve the size of the cells, too."""
+        """Sum the distortion at further points (m, 2), too; `knots` also halves the size of the cells."""
         self.places = np.concatenate([self.places, points])
         self.weights = np.concatenate([self.weights, np.full(len(points), self.share.mean())])
         if knots:
@@ -213,17 +213,14 @@ class _Net:
         self._tabulate()
 
     def fitted(self, images: Array) -> Array:
-        """Coefficients that map the mesh's points approximately to `images` (n, 2)."""
+        """Coefficients for which the mesh's points have approximately these images (n, 2)."""
         from scipy.sparse.linalg import splu  # noqa: PLC0415  (slow to import)
 
         weighted = self.inside.T * self.share
         return np.asarray(splu((weighted @ self.inside + 1e-7 * self.rough).tocsc()).solve(weighted @ images))
 
     def descended(self, images: Array, weights: tuple[float, ...]) -> tuple[Array, float]:
-        """Two results of a descent from the harmonic images: the coefficients of least cost, and the cost.
-
-        weights : weight of these images, factor on the task's weight, weight of the outline.
-        """
+        """Descend from the harmonic images; two results: the coefficients of least cost, and the cost."""
         from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 
         share = self.weights / self.weights.sum()
@@ -261,7 +258,7 @@ class _Net:
     def _cost(
         self, C: Array, share: Array, anchors: list[_Anchor], pulls: tuple[float, float], width: float
     ) -> tuple[float, Array, float, float]:
-        """Four results: cost, its gradient (n, 2), smallest det J, largest distance outside the target's outline."""
+        """Four results: cost, its gradient (n, 2), smallest det J, largest distance of an image outside the target."""
         import shapely  # noqa: PLC0415  (light to import)
 
         Jx, Jy = self.along_x @ C, self.along_y @ C

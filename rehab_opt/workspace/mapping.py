@@ -208,7 +208,7 @@ class WorkspaceMap:
 
     @cached_property
     def _starts(self) -> tuple[Any, NDArray[np.float64]]:
-        """A search tree of images, and the points that they belong to."""
+        """A search tree of images, and the points that have these images."""
         from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
         points = random_points(self.source, STARTS, 0)

@@ -29,7 +29,7 @@ THINNEST = 1e-5
 
 
 def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossing], tolerance: float) -> list[Nearest]:
-    """Boundary points, in order, of one curve around the slice or around a hole (slice on the left).
+    """Boundary points in order, from one curve around the slice or around a hole; the slice lies on the curve's left.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def boundary_ring(search: PlaneSearch, lattice: Lattice, curve: Sequence[Crossin
 def _chords_leave(
     search: PlaneSearch, starts: Sequence[Nearest], ends: Sequence[Nearest], tolerance: float
 ) -> NDArray[np.bool_]:
-    """(N,) whether the middles of chords may be outside the slice; short chords are not tested."""
+    """(N,) whether each chord's middle may be outside the slice; the middles of short chords are not tested."""
     if not starts:
         return np.zeros(0, dtype=bool)
     middles = np.array([(0.5 * (a.x + b.x), 0.5 * (a.y + b.y)) for a, b in zip(starts, ends, strict=True)])
@@ -63,7 +63,7 @@ def _chords_leave(
 
 
 def polygon_of_rings(rings: Sequence[Sequence[Nearest]]) -> BaseGeometry:
-    """Polygon or MultiPolygon of the points inside an odd number of rings; parts without width are left out."""
+    """Polygon or MultiPolygon of the points that an odd number of rings encloses; parts without width are left out."""
     import shapely  # noqa: PLC0415  (heavy)
 
     whole: BaseGeometry = shapely.Polygon()
@@ -94,7 +94,7 @@ def _wide(polygon: BaseGeometry) -> bool:
 
 
 def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
-    """Nearest point of the slice to a point of the curve, at most as far as from its two nodes; None without one.
+    """Point of the slice nearest to a point of the curve; None if only further ones than the nodes' own are found.
 
     From the node's posture, the NLP may end in a local minimum millimetres off, which would look like a notch. If the
     answer is further away than a known point, the start is first moved by `PlaneSearch.approached`. If that does not
@@ -120,7 +120,7 @@ def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Neare
 
 
 def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: float) -> list[Nearest]:
-    """New vertices between the vertices `first` and `last`, along the slice."""
+    """New boundary vertices between the vertices `first` and `last`."""
     done, ahead = [first], [last]
     for _ in range(MAX_STEPS):
         if not ahead:
@@ -135,7 +135,7 @@ def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: floa
 
 
 def _inserted(search: PlaneSearch, a: Nearest, b: Nearest, tolerance: float) -> Nearest | None:
-    """A new vertex between two vertices whose chord leaves the slice: the deepest one found in the notch."""
+    """A new vertex between two vertices whose chord leaves the slice: the deepest point found in the notch."""
     dx, dy = b.x - a.x, b.y - a.y
     if math.hypot(dx, dy) <= 2 * tolerance:
         return None

@@ -58,7 +58,7 @@ class ShoulderPlacement:
 
     @property
     def pose(self) -> Array:
-        """(4, 4) of the shoulder in the robot's frame."""
+        """(4, 4) pose of the shoulder in the robot's frame."""
         pose = np.eye(4)
         pose[:2, :2] = self.rotation
         pose[:3, 3] = self.position

@@ -1,4 +1,4 @@
-"""Move many postures near a slice and near probes, by damped least squares within joint limits.
+"""Move many postures towards a slice and its probes, by damped least squares within joint limits.
 
 A step takes 1 us, a step of the NLP 10 us. Least squares also converge far from the slice or near a folded elbow, where
 the NLP's linearised rows may be infeasible or its full steps may cycle.
@@ -80,7 +80,7 @@ class PlaneApproach:
         self._several = BufferedFunction(one.map("plane_approaches", "serial", TOGETHER, [3, 4], []), compile=compile)
 
     def near(self, parameters: Array, probes: Array, starts: Array, below: Array | float = math.inf) -> Approached:
-        """Postures near the slice and the probes (N, 2) [m], one from each of `starts` (N, k).
+        """Move each posture of `starts` (N, k) towards the slice and its probe in (N, 2) [m].
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class PlaneApproach:
     def _go_on(
         self, busy: NDArray[np.intp], probes: Array, x: Array, damping: Array, found: Array, *, firm: float
     ) -> None:
-        """Do `STEPS` steps for `busy` postures and update their rows of `found`: hand, distance, violation, cost."""
+        """Do `STEPS` more steps for the `busy` postures; update their hand, distance, violation, cost in `found`."""
         (starts, dampings, goals, firmness, _), (ends, after, measured) = self._several.inputs, self._several.outputs
         firmness[...] = firm
         for first in range(0, len(busy), TOGETHER):
@@ -154,7 +154,7 @@ def _step(statement: PlaneStatement) -> ca.Function:
 
 
 def _measure(statement: PlaneStatement) -> ca.Function:
-    """Function (x, parameters) -> column of hand (2,), distance to the probe, violation of plane or handle, cost."""
+    """Function (x, parameters) -> column of hand position (2,), distance to the probe, violation, cost."""
     x, p = ca.SX.sym("x", len(statement.free)), ca.SX.sym("p", statement.approach.size1_in(1))
     off = statement.approach(x, p)
     away, missed = off[:2] / ca.sqrt(p[-1]), off[2:] / (FIRMNESS * ca.sqrt(p[-1]))

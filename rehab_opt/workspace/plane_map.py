@@ -81,7 +81,7 @@ class PlaneMap(ABC):
         return self.value_and_jacobian(array)[1] if array.ndim == 1 else self.evaluate(array)[1]
 
     def value_and_jacobian(self, point: ArrayLike) -> tuple[Array, Array]:
-        """Image (2,) [m] and Jacobian (2, 2) of one point (2,)."""
+        """Image (2,) [m] and Jacobian (2, 2) at one point (2,)."""
         evaluated = self._both.mine
         evaluated.inputs[0][:] = single_point(point)
         evaluated.evaluate()
@@ -117,7 +117,7 @@ class PlaneMap(ABC):
         return found.reshape(array.shape)
 
     def _newton(self, images: Array, starts: Array) -> Array:
-        """Preimages (M, 2) from one start each; NaN without convergence."""
+        """Preimages (M, 2), each by Newton's method from one start; NaN where it does not converge."""
         at = starts.copy()
         value, slopes = self.evaluate(at)
         off = images - value
@@ -192,7 +192,7 @@ class PlaneMap(ABC):
 
 
 def _solved(slopes: Array, right: Array) -> Array:
-    """(M, 2) solutions of 2 x 2 systems; not finite for a singular matrix."""
+    """Solutions (M, 2) of M linear systems with 2 x 2 matrices; not finite for a singular matrix."""
     (a, b), (c, d) = (slopes[:, i].T for i in (0, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         answer = np.column_stack([d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]])

@@ -48,7 +48,7 @@ class Nearest(NamedTuple):
 
 
 class _Solvers(threading.local):
-    """Solvers of this thread by statement; arms that differ only in numbers share them."""
+    """Solvers of this thread; arms that differ only in numbers share them."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[object, ...], tuple[SQP, PlaneApproach]] = {}
@@ -124,7 +124,7 @@ class PlaneSearch:
         return found._replace(distances=away)
 
     def by_backup(self, x: float, y: float, start: Array) -> Nearest | None:
-        """Like `nearest`, with another solver if the first one failed; used at most `BACKUP_CALLS` times."""
+        """Like `nearest`, but with another solver if the first one fails; used at most `BACKUP_CALLS` times."""
         if self._backup_calls >= BACKUP_CALLS:
             return None
         self._backup_calls += 1
@@ -143,7 +143,7 @@ class PlaneSearch:
         return nlp_solver(self.statement.nearest, "ipopt", tolerance=TOLERANCE)
 
     def spread(self, count: int) -> list[Nearest]:
-        """Points of the slice from `count` postures spread over the range of motion, each brought to the plane.
+        """Points of the slice, searched from `count` postures spread over the range of motion.
 
         Each posture searches the point of the slice nearest to its own hand, so that the points are spread, too. The
         distance is 0 if that point is the hand itself.

@@ -86,7 +86,7 @@ class PlaneStatement:
         self.nearest, self.approach, self.vertical, self.vertical_free, self.upright = nlps
 
     def _find_what_moves(self) -> None:
-        """Find rows that no joint changes, such as a planar chain's height; they have no gradient and are left out."""
+        """Find constraints that no joint affects, such as a planar chain's height; they are left out (no gradient)."""
         postures = spread_postures(self.arm, self.free, CHECKED_POSTURES)
         at, along, rises, tilts = (each.full() for each in self.measure(postures.T, self.fixed))
         self.constant_height = None if np.abs(rises).max() > STILL else float(at[2, 0])
@@ -95,7 +95,7 @@ class PlaneStatement:
 
 
 class _Kind:
-    """Key of an arm's expressions; it is equal for arms that differ only in numerical values."""
+    """Key for caching an arm's expressions; it is equal for arms that differ only in numerical values."""
 
     def __init__(self, arm: SerialChain, handle_tilt: float | None) -> None:
         self.arm, self.handle_tilt = arm, handle_tilt
@@ -119,7 +119,7 @@ class _Kind:
 
 
 class _Posed(NamedTuple):
-    """Symbols of a posture, and expressions of the hand's pose."""
+    """Symbols of a posture, and expressions of the hand's pose in it."""
 
     fixed: list[ca.SX]
     """Symbols of lower, upper, still, lengths and tilt."""
@@ -191,7 +191,7 @@ def _nlps(kind: _Kind, rises: bool, tilts: bool) -> _NLPs:
 
 
 def _with_lengths(arm: SerialChain, lengths: ca.SX) -> list[ChainRow]:
-    """The chain's rows with symbols for nonzero lengths."""
+    """The chain's rows, with symbols in place of nonzero lengths."""
     symbols: Iterator[Any] = iter(ca.vertsplit(lengths)) if lengths.numel() else iter(())
     return [row.with_lengths(symbols) for row in arm.rows]
 
@@ -238,7 +238,7 @@ def handle_rows(axis: ca.SX, tilt: ca.SX, handle_tilt: float | None) -> list[Row
 
 
 def beyond_cone(axis: ca.SX, tilt: ca.SX) -> ca.SX:
-    """(3,) residual of a handle axis outside the cone: differentiable, zero inside, in rad if small.
+    """(3,) by how much a handle axis is outside the cone: differentiable, zero inside, in rad if small.
 
     The residual is axis - z0, shortened to the part outside the cone. It replaces the inequality in least squares.
     """

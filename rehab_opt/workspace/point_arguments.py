@@ -18,7 +18,7 @@ _EXPECTED = "points (2,) or (N, 2), numbers in metres"
 
 
 def one_point(points: ArrayLike) -> tuple[float, float] | None:
-    """The coordinates of a point (2,); None for other input, which `point_array` handles."""
+    """Coordinates of a point (2,) as two floats; None for other input, which `point_array` handles."""
     if type(points) is np.ndarray:
         if points.dtype is _FLOATS and points.shape == (2,):  # the usual case in a tick
             x, y = points.tolist()
@@ -32,7 +32,7 @@ def one_point(points: ArrayLike) -> tuple[float, float] | None:
 
 
 def single_point(point: ArrayLike) -> tuple[float, float]:
-    """The coordinates of a point (2,).
+    """Coordinates of one point (2,) as two floats.
 
     Raises
     ------

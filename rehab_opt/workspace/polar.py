@@ -64,7 +64,7 @@ def polar_landmarks(
 
 
 def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Furthest point of the contour at each angle from the centroid, (n, 2) [m]; NaN if there is none."""
+    """Contour point furthest from the centroid at each angle, (n, 2) [m]; NaN if the line misses the contour."""
     from shapely import LineString, distance, get_coordinates, intersection, points  # noqa: PLC0415
 
     centre = polygon.centroid
@@ -80,7 +80,7 @@ def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDAr
 
 
 def _fit(start: NDArray[np.float64], end: NDArray[np.float64], rotation: float) -> float:
-    """How well a similarity with this rotation fits the pairs: minus the squared residual, plus a constant."""
+    """How well a similarity with this rotation fits the pairs: from 0 to 1, an exact fit; -inf below three pairs."""
     both = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     if both.sum() < 3:
         return -np.inf

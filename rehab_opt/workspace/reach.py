@@ -38,7 +38,7 @@ FAR = 100.0
 
 
 class Slice(NamedTuple):
-    """A reachable set in the shoulder's frame."""
+    """A reachable set in the shoulder's frame, with its accuracy."""
 
     polygon: BaseGeometry
     accuracy: float
@@ -143,7 +143,7 @@ def slice_at(
 
 
 def _searched(slice_search: SliceSearch) -> Slice:
-    """Search the slice, check it, repair contradictions, and report the remaining ones."""
+    """Search the slice, check it, repair contradictions, and state the accuracy that the check confirms."""
     search, accuracy = slice_search.search, slice_search.accuracy
     slice_search.fill()
     slice_search.surround()

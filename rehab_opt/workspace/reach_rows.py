@@ -145,7 +145,7 @@ def task_title(task: str) -> str:
 
 
 def flip_suspects(rows: Array) -> NDArray[np.bool_]:
-    """(n,) True for rows (n, T) of one group that look like the others with the opposite sign.
+    """(n,) True for rows of one group (n, T) that would look like the others with their sign changed.
 
     A suspect row fulfils three conditions. Its sign is opposite to the group's median, which is at least `SIGNED`
     robust standard deviations from zero. Its root mean square distance from the group's median curve is above `CLEAR`
@@ -192,7 +192,7 @@ def _table(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
 
 
 def _repeated(rows_of: Mapping[str, Array]) -> list[str]:
-    """Notes on columns that have the same rows as another column."""
+    """Notes on columns whose rows are identical to those of another column."""
     columns = list(rows_of)
     return [
         f"the rows of {second} are those of {first}: one of the files is not what it says"

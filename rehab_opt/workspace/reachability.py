@@ -128,7 +128,7 @@ def fractions(workspaces: Sequence[Workspace], weights: Array, points: Array) ->
 
 
 def _union(faces: NDArray[Any]) -> Any:
-    """Union of faces as a polygon or multipolygon; an empty polygon without faces."""
+    """Union of faces as a polygon or multipolygon; an empty polygon if there are no faces."""
     import shapely  # noqa: PLC0415  (heavy)
 
     union = shapely.unary_union(faces) if len(faces) else shapely.Polygon()

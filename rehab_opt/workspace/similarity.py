@@ -45,7 +45,7 @@ class Similarity(NamedTuple):
         return np.asarray(point_array(points) @ np.array([[c, s], [-s, c]]) + self.shift)
 
     def about(self, point: Array, factor: float) -> Similarity:
-        """The similarity, followed by scaling with `factor` about the image of a point (2,) [m]."""
+        """The similarity, followed by a scaling with `factor` that keeps the image of `point` (2,) [m]."""
         centre = self(point)
         return Similarity(factor * self.scale, self.turn, centre + factor * (self.shift - centre))
 
@@ -83,7 +83,7 @@ def largest_copy(
 
 
 def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"]) -> Similarity:
-    """The largest copy, computed with the path centred and scaled to unit size."""
+    """The largest copy, computed with a centred path of unit size."""
     import shapely  # noqa: PLC0415  (light to import)
     from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 
@@ -103,7 +103,7 @@ def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"])
     k = columns.shape[2] - 2
 
     def room(z: Array) -> tuple[Array, Array]:
-        """Two results: the path points' distances inside the outline, over the polygon's size; their derivatives."""
+        """Two results: signed distances of the path's points inside the outline, over its size; their Jacobian."""
         at = unit * (columns @ z)
         asked = shapely.points(at)
         nearest = shapely.get_coordinates(ring.interpolate(shapely.line_locate_point(ring, asked)))
@@ -137,7 +137,7 @@ def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"])
 
 
 def _inside(centred: Similarity, points: Array, middle: Array, polygon: Polygon) -> Similarity | None:
-    """The copy shrunk until its whole path is inside; None if shrinking by a tenth is not enough."""
+    """The copy, shrunk until its whole path is inside; None if it would shrink by more than a tenth."""
     from shapely import LineString  # noqa: PLC0415
 
     shift = centred.shift - Similarity(centred.scale, centred.turn, np.zeros(2))(middle)

@@ -47,7 +47,7 @@ PROBES = 1.0
 
 
 class _Way(NamedTuple):
-    """A line from an outside coarse node to an inside one, and its two fine steps on either side of the boundary."""
+    """A line from an outside coarse node to an inside one, and its two fine nodes next to the boundary."""
 
     outside: tuple[int, int]
     step: tuple[int, int]
@@ -114,7 +114,7 @@ class SliceSearch:
         self.close()
 
     def close(self) -> None:
-        """Spread until the level curves are closed."""
+        """Spread until every level curve is closed."""
         self.fine.spread()
         while missing := missing_nodes(self.fine, LEVEL * self.fine_spacing):
             # Nodes nearer than the level have a posture.
@@ -123,7 +123,7 @@ class SliceSearch:
             self.fine.spread()
 
     def polygon(self) -> BaseGeometry:
-        """The set according to the fine lattice."""
+        """Polygon of the slice, from the fine lattice."""
         self._inside = [tree for lattice in (self.fine, self.coarse) if (tree := _inside_of(lattice)) is not None]
         curves = contours(self.fine, LEVEL * self.fine_spacing)
         rings = [boundary_ring(self.search, self.fine, curve, CHORD * self.accuracy) for curve in curves]
@@ -155,13 +155,13 @@ class SliceSearch:
         return wrong, count
 
     def _reached_after_all(self, x: float, y: float) -> bool:
-        """Whether the NLP reaches a probe that `PlaneApproach` did not."""
+        """Whether the NLP reaches a probe that `PlaneApproach` missed."""
         probe = np.array([[x, y]])
         answers = (self.search.nearest(x, y, start[0]) for start in self._inside_near(probe) + self._seeds_near(probe))
         return any(answer is not None and answer.distance == 0.0 for answer in answers)
 
     def _reached(self, probes: Array, others: int) -> tuple[NDArray[np.bool_], Array]:
-        """Two results: whether probes (N, 2) are in the slice (N,), and postures (N, k) there or near it."""
+        """Two results for probes (N, 2): whether each is in the slice (N,), and a posture there or near it (N, k)."""
         near = self._inside_near(probes) + self._seeds_near(probes)
         reached, postures = np.zeros(len(probes), dtype=bool), near[-1].copy()
         for i in range(len(near) + others):
@@ -208,11 +208,11 @@ class SliceSearch:
         return [postures[0] for postures in self._seeds_near(np.array([[x, y]]))]
 
     def _seeds_near(self, probes: Array) -> list[Array]:
-        """Postures (N, k) of the seeds nearest to the probes (N, 2), and of the second nearest."""
+        """Postures (N, k) of the seeds nearest to the probes (N, 2), then of the second nearest ones."""
         return _nearest_of(self._seed_tree, self._seed_postures, probes)
 
     def _inside_of_cell(self, x: float, y: float) -> list[Array]:
-        """Posture of an inside coarse node nearby, by a fast look-up for use at every fine node."""
+        """Posture of an inside coarse node nearby; a look-up fast enough for every fine node."""
         for key in self.coarse.keys_around(x, y):
             node = self.coarse.nodes.get(key)
             if node is not None and node.distance == 0.0 and node.posture is not None:
@@ -228,7 +228,7 @@ class SliceSearch:
 
 
 def _inside_of(lattice: Lattice) -> tuple[cKDTree, Array] | None:
-    """Two results for a lattice's inside nodes: search tree of their positions, and their postures."""
+    """Two results for a lattice's inside nodes: a search tree of their positions, and their postures."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (heavy)
 
     inside = [node for node in lattice.nodes.values() if node.distance == 0.0]
@@ -242,7 +242,7 @@ def _nearest_of(tree: cKDTree, postures: Array, probes: Array) -> list[Array]:
 
 
 def _gaps(polygon: BaseGeometry, distance: float, deep: float) -> Array:
-    """(N, 2) one point in every hole and notch that is too narrow for a probe at `distance` from its sides."""
+    """(N, 2) one point in each hole and notch that is too narrow for probes at `distance` from its sides."""
     import shapely  # noqa: PLC0415  (heavy)
 
     closed = polygon.buffer(distance).buffer(-distance)
@@ -257,7 +257,7 @@ def _gaps(polygon: BaseGeometry, distance: float, deep: float) -> Array:
 
 
 def _along(lines: BaseGeometry, spacing: float) -> Array:
-    """(N, 2) points on lines, at most `spacing` apart."""
+    """(N, 2) points along lines, at most `spacing` apart."""
     import shapely  # noqa: PLC0415  (heavy)
 
     points = [np.zeros((0, 2))]

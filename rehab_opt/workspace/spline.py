@@ -137,7 +137,7 @@ def _landmarks(argument: str, value: ArrayLike) -> Array:
 
 
 def _unit_spread(source: Array) -> tuple[Array, float, Array, Array]:
-    """Four results: mean (2,), root mean square distance from it, scaled landmarks, their squared distances (N, N)."""
+    """Four results: mean (2,), rms distance from the mean, scaled landmarks, their squared distances (N, N)."""
     from scipy.spatial.distance import cdist  # noqa: PLC0415  (slow to import)
 
     centre, rounding = source.mean(axis=0), 8 * EPSILON * float(np.abs(source).max())
@@ -155,7 +155,7 @@ def _unit_spread(source: Array) -> tuple[Array, float, Array, Array]:
 
 
 def _closest(square: Array, source: Array) -> tuple[str, list[list[float]]]:
-    """Names and coordinates of the two landmarks nearest to each other."""
+    """Names and coordinates, as text, of the two landmarks nearest to each other."""
     apart = square + np.diag(np.full(len(source), np.inf))
     first, second = sorted(divmod(int(np.argmin(apart)), len(source)))
     return f"source[{first}], source[{second}]", source[[first, second]].tolist()

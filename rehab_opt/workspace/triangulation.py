@@ -39,7 +39,7 @@ def inradius(polygon: Polygon) -> float:
 
 
 def grown(polygon: Polygon, by: float) -> Polygon:
-    """The set grown by `by` [m], with corner radii of at least `by`.
+    """The set, grown by `by` [m] on all sides, with corner radii of at least `by`.
 
     Notches are rounded, too, by growing twice as much and shrinking again, which closes narrow ones. Holes that this
     would leave are filled.
@@ -98,7 +98,7 @@ def mesh_of(polygon: Polygon, spacing: float) -> PlaneMesh:
 
 
 def _hexagonal(polygon: Polygon, spacing: float) -> NDArray[np.float64]:
-    """Points inside, (n, 2), each `spacing` from its six neighbours."""
+    """Points (n, 2) of a hexagonal pattern inside a set, each `spacing` from its six neighbours."""
     from shapely import contains_xy  # noqa: PLC0415
 
     if polygon.is_empty:

@@ -140,7 +140,7 @@ def _check_numbers(lower: float, upper: float, margin: float, minimum_samples: i
 
 
 def named_ranges(argument: str, ranges: object) -> dict[str, tuple[float, float]]:
-    """The given ranges [rad] by name, or those of Table I by the table's name; ConfigurationError names `argument`."""
+    """Ranges [rad] by joint name, or those of Table I if a name of the table is given; errors name `argument`."""
     if isinstance(ranges, str) and ranges in RANGES_OF_MOTION_DEG:
         table = RANGES_OF_MOTION_DEG[ranges]
         return {name: (math.radians(lower), math.radians(upper)) for name, (lower, upper) in table.items()}

@@ -185,7 +185,7 @@ def _check_one_plane(workspaces: Sequence[Workspace]) -> None:
 
 
 def _nodes(workspaces: Sequence[Workspace], spacing: float) -> tuple[Array, Array]:
-    """Multiples of `spacing` that surround every workspace; none if all are empty."""
+    """Multiples of `spacing` from below to above every workspace; none if all are empty."""
     bounds = np.array([workspace.polygon.bounds for workspace in workspaces if not workspace.empty]).reshape(-1, 4)
     if not len(bounds):
         return np.empty(0), np.empty(0)

@@ -151,7 +151,7 @@ def reachable_volume(
 
 
 def _spread(arm: SerialChain, handle_tilt: float | None, spacing: float | None) -> Array | str:
-    """(n,) heights at the middles of equal slabs between the lowest and highest hand, or the reason for none."""
+    """(n,) heights in the middles of equal slabs between the lowest and highest hand; or the reason for none."""
     if arm.locked.all():
         return "every joint is locked: the hand is at one point"
     statement = PlaneStatement(arm, handle_tilt=None if handle_tilt is None or handle_tilt >= math.pi else handle_tilt)

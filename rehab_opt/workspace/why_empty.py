@@ -1,4 +1,4 @@
-"""Find out why a slice is empty: height, handle, or their combination. A last search comes first."""
+"""Find out why a slice is empty: its height, the handle, or their combination. First, search once more."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ TRIES = 8
 
 
 class LastTry(NamedTuple):
-    """Points of the slice that the last search found, or the reason why there are none."""
+    """Points of the slice that one more search found, or the reason why there are none."""
 
     found: list[Nearest]
     reason: str
 
 
 def last_try(search: PlaneSearch, handle_tilt: float | None) -> LastTry:
-    """Last search, after spread postures led to no point of the slice."""
+    """Search once more, after spread postures led to no point of the slice."""
     statement, height = search.statement, search.height
     lowest, highest = heights(statement, held=False)
     if not lowest.report[0] - VIOLATION <= height <= highest.report[0] + VIOLATION:
@@ -55,14 +55,14 @@ def last_try(search: PlaneSearch, handle_tilt: float | None) -> LastTry:
 
 
 def heights(statement: PlaneStatement, *, held: bool, more: list[Array] | None = None) -> tuple[NLPAnswer, NLPAnswer]:
-    """Two answers, for the lowest and the highest hand; each reports z [m]. Without `held` the handle tilts freely."""
+    """Two answers, for the lowest and the highest hand; each reports z [m]. Unless `held`, the handle tilts freely."""
     nlp = statement.vertical if held else statement.vertical_free
     low, high = (_best(statement, nlp, [sign], more) for sign in (1.0, -1.0))
     return low, high
 
 
 def _best(statement: PlaneStatement, nlp: NLP, extra: list[float], more: list[Array] | None = None) -> NLPAnswer:
-    """Best answer from many starts that satisfies the rows. The solver is not compiled, because it is rarely used."""
+    """Best answer from many starts: one that satisfies the rows, if any does. The solver is not compiled."""
     solver = nlp_solver(nlp, "sqp", tolerance=TOLERANCE, compile=False)
     starts = [*(more or []), *spread_postures(statement.arm, statement.free, STARTS)]
     best = _from(solver, statement, extra, starts[0])

@@ -56,7 +56,7 @@ def exported_assistance(
     fields: Sequence[PotentialField] = (),
     offset: ArrayLike | None = None,
 ) -> ExportedForce:
-    """The controller with a recorded run along a path of the hand.
+    """`Assistance` for export, with a recorded run along a path of the hand.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def exported_assistance(
 
 
 def gated_fields(helper: Assistance, fields: Sequence[PotentialField], *, name: str) -> Evaluated:
-    """C function for the desired force of a helper with any of its fields; the C struct must have the member `MEMORY`.
+    """C function for the desired force under any of the helper's fields; the C struct must have the member `MEMORY`.
 
     Raises
     ------

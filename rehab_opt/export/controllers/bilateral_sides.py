@@ -62,7 +62,7 @@ HELPER_SAYS, PARTICIPANT_SAYS = ("x", "y", "energy"), ("x", "y", "force_x", "for
 def exported_helper_side(
     side: HelperSide, positions: Array, received: Sequence[FromParticipant | None], *, title: str
 ) -> ExportedForce:
-    """The helper's side with a recorded run for hand positions (N, 2) [m] and received messages.
+    """`HelperSide` for export, with a recorded run for hand positions (N, 2) [m] and received messages.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def exported_helper_side(
 def exported_participant_side(
     side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
-    """The participant's side with a recorded run; arguments as in `exported_helper_side`."""
+    """`ParticipantSide` for export, with a recorded run; arguments as in `exported_helper_side`."""
     spline = side.workspace_map.spline.statement
     edges = edge_columns(side.workspace_map.source.polygon)
     inside = nearest_point_function(len(edges))
@@ -141,7 +141,7 @@ def _exported(
     says: tuple[Sequence[str], Sequence[str]],
     means: Mapping[str, str],
 ) -> ExportedForce:
-    """Export of either side; `says` are the fields of sent and received messages, `means` the C code for them."""
+    """Either side for export. `says`: fields of sent and received messages; `means`: the side's own C text."""
     own, received = says
     names = {
         "own": name.removesuffix("_side"),
@@ -197,7 +197,7 @@ def _ticks(
     received: Sequence[FromHelper | FromParticipant | None],
     numbers: int,
 ) -> list[RunTick]:
-    """Ticks with hand positions and messages, some of them lost, duplicated, late or corrupt."""
+    """Inputs of a run with hand positions and messages; some messages are lost, duplicated, late or corrupt."""
     nothing = (*[0.0] * numbers, 0)
     others: list[RunTick] = [
         {"received": np.array((message or nothing)[:-1]), "with_received": int(message is not None),
@@ -223,7 +223,7 @@ def _recording(
     positions: Array,
     received: Sequence[FromHelper | FromParticipant | None],
 ) -> Run:
-    """Commands, each with the remaining energy and the sent message."""
+    """Run with the side's commands; each is recorded with the remaining energy and the sent message."""
     hears: Any = FromParticipant if isinstance(side, HelperSide) else FromHelper
     said: list[FromHelper | FromParticipant] = []
 

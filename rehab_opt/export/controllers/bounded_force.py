@@ -63,7 +63,7 @@ class ExportedForce(ExportedController):
         return self.force.dt
 
     def limits(self) -> list[str]:
-        """Text lines with the bounds of force, speed and energy."""
+        """Lines of text: each bound of force, speed and energy with its unit."""
         return [f"{name} {self.force.model[MODEL[name]]:.9g} {unit}" for name, unit in UNITS.items()]
 
     @property
@@ -72,14 +72,14 @@ class ExportedForce(ExportedController):
         return self.force.slots
 
     def functions(self) -> list[ca.Function]:
-        """The functions of a tick."""
+        """CasADi functions that a tick calls, with unique names."""
         tick = force_tick(self.slots)
         parts = {"judge": tick.judge, "conclude": tick.conclude, "anew": anew(self.slots)}
         parts |= {"desired": self.desired.function, **self.parts}
         return [renamed(part, f"{self.name}_{what}") for what, part in parts.items()]
 
     def shape(self) -> dict[str, str]:
-        """Template values: sizes, and the model."""
+        """Values for the templates: sizes and offsets of the records, and the numbers of the controller's model."""
         slots = self.slots
         watched, tank = watched_record(slots), tank_record(slots)
         level, pending = (watched["tank"] + tank[each] for each in ("level", "pending"))
@@ -111,7 +111,7 @@ def faulty_ticks(
     others: Sequence[RunTick],
     faults: Sequence[Callable[[RunTick], RunTick]] = (),
 ) -> list[RunTick]:
-    """Ticks of a hand along positions (N, 2) [m], with all kinds of faults among them.
+    """Ticks of a hand along positions (N, 2) [m]; some ticks have faults in their inputs.
 
     In the first half of the run velocities are inputs, then they are estimated.
 

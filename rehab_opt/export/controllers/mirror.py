@@ -105,7 +105,7 @@ class ExportedMirror(ExportedVelocity):
     waiting: int = 0
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the controllers and the clock."""
+        """CasADi functions of the velocity controllers and of the clock."""
         tracker = self.tracker
         speeds = mirror_following.BRIDGE * tracker.linear_speed, mirror_following.BRIDGE * tracker.angular_speed
         clock, parts = tracker.pace.clock, tracker.parts
@@ -124,7 +124,7 @@ class ExportedMirror(ExportedVelocity):
         return [*super().functions(), *(renamed(function, name) for name, function in extra.items())]
 
     def shape(self) -> dict[str, str]:
-        """Template values of the controllers, and the constants of clock, pace and forces."""
+        """Values for the templates of velocity controllers, clock, time scaling and forces."""
         shape = super().shape()
         numbers = int(shape["numbers"]) + SAMPLE.size * (self.waiting + _besides(self.tracker)) + 120
         return {**shape, "numbers": str(numbers), "waiting": str(self.waiting), **_constants(self.tracker)}
@@ -133,7 +133,7 @@ class ExportedMirror(ExportedVelocity):
 def exported_mirror_problem(
     config: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
 ) -> ExportedMirror:
-    """The tracker of a problem file, with a recorded run along the file's recording.
+    """The `MirrorTracker` of a problem file for export, with a recorded run along the file's recording.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def exported_mirror(
     memory: int = MEMORY,
     progress: Progress = lambda *_: None,
 ) -> ExportedMirror:
-    """The tracker, with a recorded run of a robot that moves as commanded.
+    """A `MirrorTracker` for export, with a recorded run of a robot that moves as commanded.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ PERSON_MEMBERS = (
 
 
 def _besides(tracker: MirrorTracker) -> int:
-    """Number of samples in the buffer besides the waiting ones: two for a bridge, and two windows of the clock."""
+    """Number of buffered samples that are not waiting: two to interpolate between, and two windows of the clock."""
     return 2 + 2 * tracker.pace.window
 
 
@@ -265,7 +265,6 @@ def _person(limit: PersonLimit) -> dict[str, str]:
 
 
 def _constants(tracker: MirrorTracker) -> dict[str, str]:
-    """Template values of clock, pace and forces."""
     return {
         "stop_at": number(tracker._interaction.stop_at),
         "window": str(tracker.pace.window),
@@ -321,7 +320,7 @@ def _answer(tracker: MirrorTracker, tick: RunTick) -> Command:
 
 
 def _force(k: int, pushed: range, strong: float) -> Array:
-    """(3,) [N] force of a push that grows and fades, with the force `strong` for five ticks."""
+    """(3,) [N] force in tick k: a push that grows and fades over `pushed`, with five ticks at `strong` newtons."""
     if k not in pushed:
         return np.zeros(3)
     fraction = (k - pushed.start) / len(pushed)
@@ -330,7 +329,7 @@ def _force(k: int, pushed: range, strong: float) -> Array:
 
 
 def _faults(tracker: MirrorTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """Functions that put further faults, and unusual but valid inputs, into a tick."""
+    """Functions that change the inputs of a valid tick: some make them invalid, some unusual."""
     chain, jump = tracker.chain, np.array([0.1, -0.1, 0.05])
 
     def jumped(tick: RunTick) -> RunTick:

@@ -61,7 +61,7 @@ DIFFERENCES = (
 
 
 def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
-    """The tracker of a problem file; the recorded run is that of the problem.
+    """The `PoseTracker` of a problem file for export; its recorded run is that of the problem.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
 
 
 def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str, of: str) -> ExportedController:
-    """Export a tracker, also one with your own limits.
+    """A `PoseTracker` for export, also one with your own limits.
 
     Parameters
     ----------
@@ -131,12 +131,12 @@ def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str
 
 
 def moving_argument(limits: PostureLimits, owner: str = "") -> str:
-    """The moving capsules as an argument of a C call; empty without any."""
+    """C text that passes the moving capsules to a call; empty if the tracker has none."""
     return f" {owner}obstacles," if limits.moving_size else ""
 
 
 def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
-    """Template values for moving capsules; `where` is the C expression for their address in the parameters."""
+    """Values for the templates about moving capsules; `where` is C text for their address among the parameters."""
     told = limits.moving_size
     return {
         "moving_argument": " const double *obstacles," if told else "",
@@ -146,7 +146,7 @@ def moving_values(limits: PostureLimits, where: str) -> dict[str, str]:
 
 
 def _faults(tracker: PoseTracker) -> tuple[Callable[[RunTick], RunTick], ...]:
-    """Functions that put further faults, and unusual but valid inputs, into a tick."""
+    """Functions that change the inputs of a valid tick: some make them invalid, some unusual."""
     chain = tracker.chain
     return (
         lambda tick: {**tick, "pose": 1.1 * tick["pose"]},  # no rigid transform

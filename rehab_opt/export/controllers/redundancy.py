@@ -56,10 +56,10 @@ DIFFERENCES = (
 
 
 class ExportedResolver(ExportedVelocity):
-    """Controller of chair and arm for export."""
+    """`RedundancyResolver` of a chair with an arm, for export."""
 
     def functions(self) -> list[ca.Function]:
-        """Functions of the QP controllers, and the conversion of an obstacle to numbers."""
+        """CasADi functions of the QP controllers, and the one that converts an obstacle to numbers."""
         return [*super().functions(), renamed(obstacle_function(), "obstacle")]
 
 
@@ -71,14 +71,14 @@ class Listening:
         self.ticks: list[RunTick] = []
 
     def step(self, q: Array, twist: Array, rows: tuple[str, ...], frame: str, **given: Any) -> Command:
-        """The resolver's command; the inputs are recorded."""
+        """Record the inputs and return the resolver's command."""
         told = {"q": q.copy(), "twist": np.array(twist), "rows": self._resolver.row_sets.index(rows)}
         self.ticks.append({**told, "frame": int(FRAMES[frame])})
         return self._resolver.step(q, twist, rows, frame, **given)
 
 
 def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
-    """The controllers of a problem file; the recorded runs are those of the problem.
+    """One `RedundancyResolver` for each drive of a problem file, for export; the problem gives the recorded runs.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
 def exported_resolver(
     resolver: RedundancyResolver, run: Sequence[RunTick], *, title: str, of: str
 ) -> ExportedController:
-    """Export a resolver with its sets of rows.
+    """A `RedundancyResolver` for export, with all its sets of rows.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def exported_resolver(
 
 
 def _of_a_file(config: ProblemFile[ArdisProblem], scene: ArdisScene, *, progress: Progress) -> ExportedController:
-    """Controller of one drive; the inputs of its run are recorded from another resolver in the problem's run."""
+    """Resolver for one drive of a file; the problem's own run supplies the inputs of its recorded run."""
     drive = scene.drive
     control, resolver = scene.control(), resolver_of(config, scene.robot, drive)
     listening = control.law = Listening(resolver_of(config, scene.robot, drive))
@@ -143,7 +143,6 @@ def _of_a_file(config: ProblemFile[ArdisProblem], scene: ArdisScene, *, progress
 
 
 def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) -> Run:
-    """The resolver's recorded run with faults added."""
     robot = resolver.robot
     law = next(iter(resolver._sets.values()))
     valid, joints, moves = encoders(run, dt=resolver.dt)
@@ -176,7 +175,6 @@ def _recording(resolver: RedundancyResolver, run: Sequence[RunTick], of: str) ->
 def _values(
     rows: Sequence[str], laws: Sequence[ChairAndArm], max_obstacles: int, resolver: RedundancyResolver
 ) -> dict[str, str]:
-    """Further template values of the interface."""
     return {
         "row_constants": indented(
             f"{constant}{'' if i == len(rows) - 1 else ','} /* twist[{len(law.rows)}]: {', '.join(law.rows)} */"

@@ -63,14 +63,14 @@ class Overheard(Bilateral):
         self.received: list[tuple[FromParticipant | None, FromHelper | None]] = []
 
     def step(self, helper: ArrayLike, participant: ArrayLike, *rest: Any, **options: Any) -> BilateralCommand:
-        """The pair's commands; hands and messages are recorded."""
+        """Record each hand's position and each side's received message; return the pair's commands."""
         self.hands.append((helper, participant))
         self.received.append(self.under_way)
         return super().step(helper, participant, *rest, **options)
 
 
 def exported_scenario(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Sequence[ExportedController]:
-    """The controllers of a scenario.
+    """The controllers of a scenario for export, with their recorded runs.
 
     Raises
     ------

@@ -57,7 +57,7 @@ class Given(NamedTuple):
 
 
 class _Fixed(NamedTuple):
-    """Frame and mass of a link in the axes of the last moving joint before it."""
+    """A link, its pose in the axes of the last moving joint before it, and the step that has its mass."""
 
     joint: int
     """Number of joints that move the link."""
@@ -138,9 +138,9 @@ def chain_arguments(form: Format, file: str | Path, base: str | None, tip: str |
 def _joints_and_frames(
     steps: Sequence[Step], locked: Mapping[str, float], source: Source, notes: list[str]
 ) -> tuple[list[Joint], list[Array], list[_Fixed]]:
-    """Three results: the n moving joints, n + 1 poses, and the link frames.
+    """Three results: the n moving joints, n + 1 poses, and the links that they move or that are fixed to the base.
 
-    The poses are those of each joint's axes and of the tip, each in the axes of the joint before.
+    Pose i is that of joint i's axes in the axes of the joint before; the last pose is that of the tip.
     """
     unknown = sorted(set(locked) - {step.joint.name for step in steps if step.joint is not None})
     if unknown:
@@ -187,7 +187,7 @@ def _axes(axis: Array) -> Array:
 
 
 def _at(joint: Joint, value: object) -> Array:
-    """(4, 4) motion of a joint from zero to a joint value."""
+    """(4, 4) motion of a joint from zero to `value`."""
     try:
         amount = float(real_array(value))
     except (TypeError, ValueError, OverflowError):
@@ -263,12 +263,11 @@ def _limits(
 
 
 def _said(value: float, joint: Joint) -> str:
-    """Text of a joint's position, with degrees for a revolute joint."""
+    """Joint position as text, in degrees for a revolute joint."""
     return f"{value:.6g} m" if joint.prismatic else f"{value:.6g} rad ({math.degrees(value):.5g} deg)"
 
 
 def _accelerations(given: PerJoint, joints: Sequence[Joint], notes: list[str]) -> Array:
-    """(n,) acceleration limits."""
     names = tuple(joint.name for joint in joints)
     values = _by_joint("acceleration", given, names, np.full(len(names), math.nan))
     missing = [name for name, value in zip(names, values, strict=True) if math.isnan(value)]

@@ -128,7 +128,7 @@ def mjcf_steps(
 
 
 def _include(root: Element, source: Source, read: list[Element]) -> None:
-    """Replace each <include> by the content of its file, as MuJoCo does."""
+    """Replace each <include> by the content of the file that it names, as MuJoCo does."""
     for element in list(root.all()):
         if element.tag == "attach":
             expected = "one model; let MuJoCo attach the others, and save it"
@@ -151,7 +151,7 @@ def _include(root: Element, source: Source, read: list[Element]) -> None:
 
 
 def _rounded(root: Element) -> Iterator[str]:
-    """Note on the rounded rotation or axis that is farthest from unit length; MuJoCo normalises them."""
+    """Note on the rotation or axis whose length differs most from one by rounding; MuJoCo normalises them."""
     worst, where = 0.0, ""
     for element in root.all():
         for key, count in UNIT.get(element.tag, {}).items():
@@ -192,7 +192,7 @@ def _unread(root: Element) -> Iterator[str]:
 
 
 def _kinematics(element: Element, source: Source) -> Iterator[str]:
-    """XML text of an element's kinematic content; raises an error for NaN and infinity, which MuJoCo accepts."""
+    """XML text of those parts of an element that determine kinematics; NaN and infinity raise an error."""
     for child in element.children:
         drives_another = element.tag == "actuator" and not {"joint", "jointinparent"} & set(child.attributes)
         if child.tag not in KINEMATICS or drives_another:
@@ -250,7 +250,7 @@ def _steps(
 
 
 def _coupled(mujoco: Any, model: Any) -> dict[int, str]:
-    """For the number of each coupled joint: the name of the joint that it follows, or "equality" if there is none."""
+    """By number of each coupled joint: name of the joint that it follows, or "equality" if there is none."""
     found = {}
     for i in range(model.neq):
         if mujoco.mjtEq(int(model.eq_type[i])) == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[i]:
@@ -308,7 +308,7 @@ def _force(mujoco: Any, model: Any, drive: int) -> float:
 
 
 def _carried(model: Any, link: int, way: Container[int], notes: list[str]) -> Iterator[Step]:
-    """Steps to the bodies that branch off from the chain's body `link`, with their joints at the initial values."""
+    """Steps to the bodies that branch off from `link`, with their joints at the initial values."""
     poses = {link: np.eye(4)}
     for body in range(link + 1, int(model.nbody)):  # a body comes after the one that carries it
         parent = int(model.body_parentid[body])

@@ -77,7 +77,7 @@ class Step(NamedTuple):
 
 
 def moved(x: float, y: float, z: float) -> Array:
-    """(4, 4) translation [m]."""
+    """(4, 4) pose of a translation by x, y and z [m]."""
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
     return pose

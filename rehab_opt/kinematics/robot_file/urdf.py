@@ -64,7 +64,7 @@ _NO_NUMBER = np.array([math.nan])
 
 
 class _Tree(NamedTuple):
-    """Links by name, the joint above each link but the root, and the links below each."""
+    """Links by name, the joint above each link except the root, and the links below each link."""
 
     links: Mapping[str, Element]
     carriers: Mapping[str, Element]
@@ -111,7 +111,7 @@ def urdf_steps(
 
 
 def _carried(link: str, way: Container[str], tree: _Tree, source: Source, notes: list[str]) -> Iterator[Step]:
-    """Steps to the links that branch off from a link on the chain."""
+    """Steps to the links that branch off from `link` and do not belong to the chain."""
     hanging = [(link, np.eye(4))]
     while hanging:
         at, pose = hanging.pop()
@@ -297,7 +297,6 @@ def _joint(joint: Element, kind: str, source: Source, owner: str, notes: list[st
 
 
 def _origin(element: Element, source: Source, owner: str, notes: list[str]) -> Array:
-    """(4, 4) pose of an element's <origin>."""
     origin = element.only("origin", source, owner)
     if origin is None:
         return np.eye(4)
@@ -317,7 +316,7 @@ def _origin(element: Element, source: Source, owner: str, notes: list[str]) -> A
 
 
 def _bodies(link: Element, aside: bool, source: Source, notes: list[str]) -> Iterator[CapsuleOnLink]:
-    """Smallest capsules around a link's boxes (along their longest side), cylinders and spheres."""
+    """Smallest capsules around the boxes (along their longest side), cylinders and spheres of a link."""
     name = link.attributes["name"]
     owner = f"link {name}"
     for collision in link.each("collision"):

@@ -47,7 +47,7 @@ class Source:
     name: str
 
     def refuse(self, key: str, value: object, expected: str) -> RobotFileError:
-        """The error for an invalid key."""
+        """`RobotFileError` about a key of the file, for the caller to raise."""
         brief = shown(value) if isinstance(value, str) else value
         return RobotFileError(self.name, shown(key, LONGEST_KEY), brief, expected)
 
