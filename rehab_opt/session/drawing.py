@@ -307,7 +307,7 @@ def servo_figure(
     Parameters
     ----------
     names : names of the n joints. trace : trace with the columns `command` and (true) `velocity` (N, n).
-    most : (n,) largest speeds [rad/s, m/s]. of : text of the caption that names the run, if there are several.
+    most : (n,) speed limits [rad/s, m/s]. of : name of the run in the caption, if there are several runs.
     lengths : number of joints, from the first one, that are in metres; the others are angles.
     what, unit : for quantities other than speeds: text of the caption, and unit of the joints that are in metres.
     """
@@ -359,8 +359,7 @@ FEWEST_LETTERS = 8
 def fitted(figure: Figure) -> Figure:
     """Break headings into lines, and legends into columns, that fit the figure's width; return the figure.
 
-    The figure grows by the added height, so that panels keep their size. A dollar sign outside a formula is printed as
-    it is.
+    The figure grows by the added height, so that panels keep their size. Dollar signs outside formulas stay.
     """
     from matplotlib.text import Text  # noqa: PLC0415
 

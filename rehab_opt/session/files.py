@@ -82,8 +82,7 @@ def problem_content(path: Path, file: str) -> dict[str, Any]:
 def recording_description(path: Path, file: str) -> dict[str, Any]:
     """Description of one recording, for problems and for `score`: a table `recording` and, if needed, `placement`.
 
-    The keys are those of the problem file's tables of the same names; the path `recording.file` is relative to the
-    description.
+    Both tables have the keys of a problem file; the path `recording.file` is relative to the description's folder.
 
     Raises
     ------
@@ -107,9 +106,8 @@ def recording_description(path: Path, file: str) -> dict[str, Any]:
 def _with_descriptions(content: Any, folder: Path, file: str) -> Any:
     """Content of a problem, with the tables of the recording descriptions that it names.
 
-    A problem names a description by `recording = "NAME.toml"`, or `recording = {description = "NAME.toml", mirror =
-    true}`.
-    The problem's own keys and its own placement override those of the description.
+    A problem names a description by `recording = "NAME.toml"` or `recording = {description = "NAME.toml", ...}`. The
+    problem's own keys and placement override those of the description.
     """
     if isinstance(content, list):
         return [_with_descriptions(each, folder, file) for each in content]
@@ -212,12 +210,11 @@ def recording_path(config: ProblemFile[Problem], reference: str, *, key: str = "
 
 
 def recording_state(file: str) -> tuple[str, str]:
-    """Two texts: the title of a problem file, and whether the recordings that it needs from the data folder are
-    present.
+    """Two texts: a problem file's title, and whether its recordings are present in the data folder.
 
     Raises
     ------
-    ProblemFileError : it cannot be read.
+    ProblemFileError : the problem file cannot be read.
     """
     content = problem_content(problem_path(file)[1], file)
     named = [each for each in _texts(content) if each.startswith(PREFIX)]

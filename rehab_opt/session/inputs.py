@@ -27,7 +27,7 @@ NUMERICS = ("casadi", "numpy", "scipy", "shapely")
 def input_files(config: ProblemFile[Any]) -> dict[str, dict[str, str]]:
     """The files of a problem, by key: each file's name in the problem and the SHA-256 of its content.
 
-    A robot file refers to other files; its SHA-256 is that of the arm's numerical data, as in `inputs_digest`.
+    A robot file refers to other files; its SHA-256 is computed from the arm's numerical data, as in `inputs_digest`.
 
     Raises
     ------
@@ -40,8 +40,7 @@ def input_files(config: ProblemFile[Any]) -> dict[str, dict[str, str]]:
 
 
 def inputs_digest(config: ProblemFile[Problem]) -> str:
-    """SHA-256 of a problem, its recordings, the source code of its kind and of this library, and the versions of the
-    numerical libraries.
+    """SHA-256 of a problem, its recordings, the source code that runs it, and the numerical libraries' versions.
 
     Raises
     ------

@@ -48,8 +48,7 @@ class Outcome:
 
     Attributes
     ----------
-    system, name, title : those of the problem. inputs : its input files, see `input_files`. options : options of the
-        run.
+    system, name, title, inputs : those of the problem, with inputs from `input_files`. options : options of the run.
         `run_problem` sets these attributes, and stores the problem's parameters as the metric "parameters".
     """
 

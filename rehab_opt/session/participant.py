@@ -70,7 +70,7 @@ def placed_path(
     """The path of the hand at its placement, and a sentence that describes the transformation.
 
     In this order, the path is turned about the vertical, mirrored if it is the other hand's, scaled, and shifted so
-    that the middle of its bounding box lies at the centre; a third coordinate is projected away.
+    that the middle of its bounding box lies at the centre. A third coordinate is dropped.
 
     Parameters
     ----------

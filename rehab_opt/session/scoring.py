@@ -98,8 +98,7 @@ def score_recordings(
     Parameters
     ----------
     files : recordings or descriptions of them (`.toml`), as paths or `data:folder/file`.
-    reading : arguments of `read_recording` (`columns`, `marker`, `separator` and others); a description's keys override
-        them.
+    reading : arguments of `read_recording` (`columns`, `marker`, `separator`, ...); a description's keys override them.
     target : [m] position where each movement should end, in the recordings' own frame.
     pause : [s] a rest of this length ends a trial; by default each recording is one trial.
     repeats : whether all trials repeat one movement; if so, their variability is measured, too.

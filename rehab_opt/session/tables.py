@@ -42,16 +42,13 @@ KEY = re.compile(
 
 
 def numbers_table(title: str, of: Mapping[str, Numbers], *, first: Sequence[str] = (), caption: str = "") -> Table:
-    """One row for each quantity, one column for each controller; labels, units and factors are derived from the keys of
-    the metrics.
+    """Table of metrics with a row for each quantity and a column for each controller; the keys give labels and units.
 
-    Statistics of one quantity, with the joint they belong to, share a row. Sections become rows `section: key`. A row
-    without any number is left out.
+    All statistics of a quantity share a row. A section's keys become rows `section: key`. Empty rows are left out.
 
     Parameters
     ----------
-    of : metrics by controller. first : the only quantities or sections to show, in order, as keys without statistic and
-        unit; by default all.
+    of : metrics by controller. first : quantities or sections to show, as keys without statistic and unit; default all.
     """
     made = Table(title=Text(title), caption=Text(caption) if caption else None, caption_justify="left")
     made.add_column("quantity")

@@ -54,8 +54,7 @@ class Steering(LiveControl):
 
     Attributes
     ----------
-    law : controller; another one of its kind may replace it. ticks_let_go : number of ticks since the last release of
-        the stick.
+    law : controller, replaceable by one of the same class. ticks_let_go : ticks since the last release of the stick.
     """
 
     def __init__(

@@ -1,8 +1,7 @@
 """A simulated user, who watches the hand and moves the stick until the hand has reached each goal in order.
 
-The user goes through the stick's modes in turn, and changes to the next one when the current mode has little distance
-left to cover. Near the goal, the user presses the gripper's button if the goal requires it. The behaviour is
-deterministic.
+The user is deterministic, and changes to the stick's next mode when the current mode has little distance left to cover.
+Near the goal, the user presses the gripper's button if the goal requires it.
 """
 
 from __future__ import annotations

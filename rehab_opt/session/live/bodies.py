@@ -114,8 +114,7 @@ class ArmBodies:
 
     Parameters
     ----------
-    chain : kinematics of the arm. radius : radius of the sticks [m]. first : number of joints, from the base, without a
-        stick.
+    chain : kinematics of the arm. radius : radius of the sticks [m]. first : number of base joints without a stick.
     """
 
     def __init__(self, chain: SerialChain, *, radius: float = STICK, first: int = 0) -> None:

@@ -111,7 +111,7 @@ class Following(LiveControl):
     ----------
     tracker : controller. plant, start : as for `LiveControl`.
     poses, twists : reference poses (N, 4, 4) and twists (N, 6), one for each tick.
-    then : at its end, the reference restarts ("again"), runs backwards ("back"), or stays at its last pose ("stay").
+    then : after the last pose, the reference restarts ("again"), runs backwards ("back"), or stays ("stay").
     """
 
     def __init__(

@@ -40,8 +40,7 @@ class HandPoses:
 def read_hand_poses(path: Path, section: PoseRecordingSection, *, file: str) -> HandPoses:
     """Read hand poses by the header `t_s,x_m,y_m,z_m,qx,qy,qz,qw`, or by column numbers from a file without a header.
 
-    An empty or nan cell means that the tracker had lost the hand.
-    The separator is found as by `read_csv`.
+    An empty or nan cell means that the tracker had lost the hand. The separator is found as by `read_csv`.
 
     Parameters
     ----------
@@ -116,7 +115,7 @@ def _below(lines: list[str], columns: Sequence[str], marked: tuple[str | None, s
 def _numbers(
     rows: list[str], header: list[str], wanted: Sequence[str], marked: tuple[str | None, str], *, name: str, first: int
 ) -> Array:
-    """Numbers (rows, len(wanted)), with NaN for empty cells; `first` is the line number of the first row."""
+    """Numbers (rows, columns), with NaN for empty cells; `first` is the line number of the first row."""
     lost, (mark, point) = dict.fromkeys(wanted, MISSING), marked
     table = numbers_below(rows, header, wanted, {}, name=name, first=first, separator=mark, point=point, missing=lost)
     if len(table) < 3:

@@ -32,7 +32,7 @@ SHORTEST = 1e-3
 
 
 def _given_path(config: ProblemFile[ScenarioProblem]) -> tuple[Array | None, list[str]]:
-    """Two results: the task's points (N, 2) [m] in the robot's frame (None for demonstrations), and notes."""
+    """The task's points (N, 2) [m] in the robot's frame (None if demonstrations define them), and notes."""
     task, arm = config.problem.task, config.problem.arm
     if task.points_m is not None:
         points, notes = np.array(task.points_m), []

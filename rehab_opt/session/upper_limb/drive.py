@@ -29,7 +29,7 @@ HALVINGS, STEPS = 6, 20
 
 
 def law_columns(trace: Trace, law: str) -> dict[str, NDArray[Any]]:
-    """Columns of one controller without its name as prefix; `joint` (N, n) [rad] are the joint positions."""
+    """Columns of a controller, named without the controller's prefix; `joint` (N, n) [rad] are the joint positions."""
     found = {name.lstrip("_"): values for name, values in trace.items() if name.lstrip("_").startswith(law)}
     return {name[len(law) + 1 :] or "joint": values for name, values in found.items()}
 
@@ -68,8 +68,7 @@ def driven(
     ------
     drive_t_s (N,), drive (N, n) : time [s] at which the drive passes each sample, and its joint positions then [rad].
     drive_position_error_m, drive_handle_tilt_rad (N,) : largest values while the sample is the nearest one.
-    _drive_time_s, _drive_phase_s (M,) : time of the drive in steps of `DT`, and the corresponding time of the
-    recording.
+    _drive_time_s, _drive_phase_s (M,) : time of the drive in steps of `DT`, and the corresponding recording time.
     _drive_joint (M, n), _drive_hand (M, 3) : joint positions [rad] and hand positions [m] at these times.
     _drive_deviation (n,) : joint deviation as in `SmoothPath`.
     """
