@@ -382,7 +382,7 @@ def place(
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Find seat, direction, grip and start for a mirror problem; print them as keys, with the result of a run."""
+    """Find seat, direction, grip and start for a mirror problem; print them as file keys, with the result of a run."""
     from rehab_opt.session.files import load_problem, problem_path  # noqa: PLC0415
     from rehab_opt.session.mirror.placing import (  # noqa: PLC0415
         found_place,

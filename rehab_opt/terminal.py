@@ -72,7 +72,7 @@ OF_ROBOT, FEW = re.compile(r"\b(joint|link|body|line) \S+"), 2
 
 
 def brief(notes: Iterable[str]) -> list[str]:
-    """Notes to print: of many that differ only in numbers or parts, the first one with the count of the others."""
+    """Notes to print: of many that differ only in numbers or joints, the first one with the count of the others."""
     alike: dict[str, list[str]] = {}
     for note in notes:
         kind, count = OF_ROBOT.subn("", note)

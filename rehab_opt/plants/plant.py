@@ -61,7 +61,7 @@ class Plant(Protocol):
         ...
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Reset the robot to rest at `position` (n,) and the time to zero; return the measurement."""
+        """Place the robot at rest at `position` (n,), reset the time to zero, and return the measurement."""
         ...
 
     def step(self, command: ArrayLike, push: ArrayLike | None = None) -> Measurement:

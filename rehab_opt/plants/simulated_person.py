@@ -213,7 +213,7 @@ class PersonAtRobot:
         return robot.x, robot.y, robot.vx, robot.vy
 
     def reset(self, position: ArrayLike) -> Measurement:
-        """Reset the hand to rest at `position` (2,) [m] and the time to zero."""
+        """Place the hand at rest at `position` (2,) [m]; reset the time to zero."""
         self._time, self._seed = 0.0, self._first
         x, y = np.asarray(position, dtype=np.float64).tolist()
         self._begin((x, y))

@@ -35,7 +35,7 @@ TEXT, BYTE, INTEGER, REAL = -1, 1, 2, 4
 
 
 NO_PLACES = ("ANGLES", "MOMENTS", "POWERS", "FORCES", "SCALARS", "REACTIONS")
-"""Names of POINT parameters that list entries which are stored like markers but are not positions."""
+"""Names of POINT parameters; each lists entries that are stored like markers but are not positions."""
 
 
 class _Header(NamedTuple):

@@ -80,7 +80,7 @@ def content_of(file: Path) -> dict[str, Any]:
 
 
 def trials_in(folder: Path) -> Sequence[Trial]:
-    """The trial in a folder; if the folder has only the metrics.json of a run, the trials of that run.
+    """Trials in a folder: the one in trial.json or, without that file, those in the metrics.json of a run.
 
     Raises
     ------

@@ -21,7 +21,7 @@ __all__ = ["Recorder", "study_of_many"]
 
 
 class Recorder:
-    """Stores each finished person of a batch in a study; `run_many` calls the object with each row.
+    """Stores the results of a batch in a study; `run_many` calls the object with each finished row.
 
     Parameters
     ----------

@@ -61,8 +61,8 @@ def destination(
 
     Raises
     ------
-    ConfigurationError : an option needs a study, a covariate is unknown, repeated or contradicts the study, or an error
-        of `session_of` or `Study`.
+    ConfigurationError : an option needs a study, a covariate is unknown, repeated or contradicts the study, or
+        `session_of` or `Study` raises the error.
     """
     if study is None:
         for option, value in (("--person", person), ("--session", session), ("--covariate", covariate or None)):
