@@ -250,7 +250,7 @@ class ArmIK(OneThread):
         return self._second_stage(search, query, near)
 
     def _second_stage(self, search: IKSearch, query: _Question, near: Array | None) -> tuple[IKSolution, Array | float]:
-        """Search for the nearest reachable position, to tell an unreachable target from a failed solver."""
+        """Search for the nearest reachable position, to distinguish an unreachable target from a failed solver."""
         nearest = search.nearest(query.goal, near)
         if nearest is None:
             reason = "no solver kept the handle within its tilt"

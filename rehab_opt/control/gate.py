@@ -61,7 +61,7 @@ def check_mode(mode: Mode, field: PotentialField) -> None:
 
 
 def numbers_of(field: PotentialField) -> Array:
-    """Parameters (`FIELD`) of a field."""
+    """Values of the record `FIELD` for a field."""
     return FIELD.numbers(sharpness=1 / field.width**2, damping=field.damping)
 
 

@@ -64,8 +64,8 @@ class Interaction:
     seconds.
 
     The default of `stop_at`, 140 N, is quoted from ISO/TS 15066 for a hand of healthy adults. A reference out of reach
-    pulls the hand with K times their distance. A sensor's bias moves the hand by bias / K. Sensor faults are not
-    detected: below `stop_at` the hand yields to any force.
+    pulls the hand with K times its distance from the hand. A sensor's bias moves the hand by bias / K. Sensor faults
+    are not detected: below `stop_at` the hand yields to any force.
     """
 
     slow_from: float = 8.0

@@ -303,7 +303,7 @@ class PostureLimits:
 
     @cached_property
     def keeping(self) -> ca.Function:
-        """Function from `first_kept`, with `judged` as its test."""
+        """Function of `first_kept` that tests each blend with `judged`."""
         return self.first_kept(self.judged)
 
     def first_kept(self, judged: ca.Function) -> ca.Function:
@@ -360,7 +360,7 @@ class PostureLimits:
 
     @cached_property
     def clear(self) -> ca.Function:
-        """As `judged`, for bodies alone."""
+        """As `judged`, but only for distances between bodies."""
         (q, told, velocity), verdict = self._tick_symbols(), ca.MX(1)
         if self.clearance is not None:
             then, distances = ca.SX.sym("then", len(self.clearance.names)), self.clearance.distances

@@ -156,7 +156,7 @@ class HandSpeed(Bound):
         return ca.vertcat(*over)
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(9,)"""
+        """(9,) ratios of speed to limit, minus 1."""
         place, jacobian = self._manoeuvre.place, self._chain.jacobian_expression
         later = [(place(way.state.q, way.u, way.ticks * x), math.sqrt(1 - x)) for x in BRAKED]
         twists = [way.state.jacobian @ way.u, *(jacobian(q) @ (share * way.u) for q, share in later)]
@@ -211,7 +211,7 @@ class UserLimits:
         self._tangents = ca.Function("tangents", [q, way], [ca.vertcat(*tables)])
 
     def h(self, tick: Stages, q: ca.SX, t: ca.SX, moving: ca.SX) -> ca.SX:
-        """(k,) in the limits' own units."""
+        """(k,) distances in the limits' own units."""
         return ca.vertcat(*(each.at(self._chain, q) for each in self._limits))
 
     def tangents(self, tick: Stages, q: ca.SX, t: ca.SX, state: State) -> ca.SX:
@@ -261,7 +261,7 @@ class Kept(Bound):
         return ca.mmin(ca.vertcat(0, *(each.h(tick, q, ca.SX(0), moving) for each in self._kinds))) < -OUTSIDE
 
     def excess(self, tick: Stages, way: Way) -> ca.SX:
-        """(k,) in the limits' own units; moving bodies are at their positions at the end of the tick."""
+        """(k,) excess in the limits' own units, for moving bodies at their positions at the end of the tick."""
         return ca.vertcat(ca.SX(0, 1), *(2 * ROUNDING - self._along(tick, each, way) for each in self._kinds))
 
     def _along(self, tick: Stages, kind: Posture, way: Way) -> ca.SX:

@@ -1,7 +1,7 @@
 """The braking manoeuvre, and the joint velocities from which it ends within the joint limits.
 
 All joints slow down by the same fraction per tick, as fast as the slowest joint allows. From joint positions q and
-velocities v this leads along a straight line in joint space to the stop posture
+velocities v, braking leads along a straight line in joint space to the stop posture
 
     stop(q, v) = q + dt F v,    N = max_i |v_i| / (a_i dt),    F = n - n (n + 1) / (2 N),    n = floor(N),
 

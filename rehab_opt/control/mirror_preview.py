@@ -35,7 +35,7 @@ _NOTHING = Layout(np.zeros((0, 4, 4)), np.zeros((0, 6)), [], [])
 
 
 class MirrorPreview(MirrorFollowing):
-    """Tick of a plan, whose reference comes from the preview of a recording.
+    """Tick of `MirrorTracker.plan`; the reference comes from the preview of a recording.
 
     The usual tick is one call of a fused function, certified as in `MirrorTracker.step`. `MirrorFollowing` computes
     all other ticks.

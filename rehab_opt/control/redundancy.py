@@ -54,7 +54,7 @@ class RedundancyResolver(OneThread):
     of the hand. Within a tick, a link that slides along a keep-out may enter it by 0.1 mm; G12 does not hold beside
     approaching bodies.
 
-    If the bounds leave nothing of the command, the status is `BLOCKED`; the chair may still move slowly. A joint
+    If the bounds allow no part of the command, the status is `BLOCKED`; the chair may still move slowly. A joint
     outside its limits returns only if the task or the posture cost moves it. Collisions of the hand are not detected. A
     new resolver is at rest unless `reset` sets a velocity. An object belongs to one thread, see `OneThread`.
 

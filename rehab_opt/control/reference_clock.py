@@ -125,9 +125,10 @@ class ClockStatement:
 
     @staticmethod
     def taken_function(linear_speed: float, angular_speed: float) -> ca.Function:
-        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> newest, two new samples (60,), `CLOCK`.
+        """Function: newest sample, pose, twist, `CLOCK`, [seconds, bridge] -> three samples (60,), `CLOCK`.
 
-        After a jump, or with `bridge`, a calm motion leads to the new pose and takes a sample of its own.
+        After a jump, or with `bridge`: the newest sample, the end of a calm motion to the new pose, the new sample.
+        Otherwise: the newest sample, the new sample, zeros.
         """
         newest, pose, twist = SAMPLE.symbols("newest"), ca.SX.sym("pose", 16), ca.SX.sym("twist", 6)
         clock, (seconds, bridge) = CLOCK.symbols("clock"), ca.vertsplit(told := ca.SX.sym("told", 2))

@@ -55,8 +55,8 @@ class Seats:
     """Compute how far a tracker's robot follows many paths of poses, by kinematics only, without time.
 
     From one pose of the path, damped Gauss-Newton steps lead to the next pose within the joint limits; a shortfall
-    below the manipulability floor is a further error. If a pose is out of reach, the walk continues from the nearest
-    posture of the same branch.
+    below the manipulability floor counts as a further error. If a pose is out of reach, the walk continues from the
+    nearest posture of the same branch.
     """
 
     def __init__(self, tracker: MirrorTracker) -> None:

@@ -58,7 +58,7 @@ def smooth_path(
     tolerance: float = 1e-4,
     measured: bool = True,
 ) -> SmoothPath:
-    """Retime a recorded or planned path, from rest to rest, for a drive: late only where its axes are too slow.
+    """Retime a recorded or planned path, from rest to rest, for a drive; only axes that are too slow delay it.
 
     All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Times that do not
     increase, a wrong shape, and an invalid bound or number raise `ConfigurationError`.

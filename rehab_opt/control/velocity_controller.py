@@ -233,7 +233,7 @@ class VelocityController(OneThread, ABC):
         """Function: q, memory -> memory after the fallback command, and its report."""
 
     def fallback_law(self) -> ca.Function | None:
-        """Function for use if every solver fails: parameters, memory -> report, memory, violation; or None."""
+        """Function for a tick in which every solver fails, or None: parameters, memory -> report, memory, violation."""
         return None
 
     def beginning(self) -> ca.Function:
