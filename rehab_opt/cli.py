@@ -456,7 +456,7 @@ def score(
     session: SessionOption = None,
     covariate: CovariateOption = None,
 ) -> None:
-    """Measure movement time, speed, smoothness, path and range of recorded trials; print one CSV row per trial.
+    """Measure movement time, speed, smoothness, path and range of recorded trials; print one CSV row per measure.
 
     Notes on gaps, noise and rest are printed on the error stream. The module rehab_opt.measures has the formulas.
     """

@@ -61,7 +61,8 @@ def smooth_path(
     """Retime a recorded or planned path, from rest to rest, for a drive; only axes that are too slow delay it.
 
     All axes wait for one another, so coupled quantities (hand position, handle tilt) are preserved. Times that do not
-    increase, a wrong shape, and an invalid bound or number raise `ConfigurationError`.
+    increase, a wrong shape, and an invalid bound or number raise `ConfigurationError`. Lost markers (zeros) and spikes
+    are followed: drop their rows first, or read the file with `recordings.reading.read_recording`, which does.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def smooth_path(
     lower, upper : (n,) position bounds [u]; None or infinite for none.
     tolerance : [u] largest deviation of an axis from the path.
     measured : whether the points are samples of a tracker. A planned path (False) is passed as it is; so is one of at
-        most 40 points that are neither held nor rounded.
+        most 40 points that are neither held nor rounded, with no two times nearly equal.
     """
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  (loaded when used)
 

@@ -69,7 +69,7 @@ class MeasuredPath(NamedTuple):
 def measured_path(times: Array, points: Array) -> MeasuredPath:
     """Smooth path through points (N, n) at times (N,) [s]; unchanged if no sample is repeated, rounded or noisy.
 
-    The first and last points, and pauses of more than 0.2 s, are kept.
+    The first and last points, and pauses of more than 0.2 s, are kept. So are lost markers and spikes.
     """
     tied = np.append(np.diff(times) < TIE * (times[-1] - times[0]) / (len(times) - 1), False)
     said = (f"{tied.sum()} of {len(times)} samples have the time of the next: left out",) if tied.any() else ()

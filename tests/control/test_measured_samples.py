@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from rehab_opt import smooth_path
+from rehab_opt.kinematics.measured_path import measured_path
 
 BOUNDS = {"velocity": 1.0, "acceleration": 5.0, "jerk": 60.0}
 RATE = 100
@@ -141,3 +142,11 @@ def test_times_of_a_coarse_clock_that_hardly_differ_are_one_time(apart, clock):
     found, other = passage(stamps, hand(time, 2))
     assert other == pytest.approx(seconds, rel=0.02)
     np.testing.assert_allclose(found.positions[-1], hand(time, 2)[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize(("more", "left_out"), [(1, True), (3, True), (4, False), (10, False)])
+def test_a_single_sample_repeated_more_than_three_times_is_a_pause(more, left_out):
+    time = np.arange(3 * RATE) / RATE
+    points = hand(time, 2)
+    points[150 : 151 + more] = points[150]
+    assert any("repeat the one before" in note for note in measured_path(time, points).notes) is left_out
