@@ -227,7 +227,6 @@ def recording_state(file: str) -> tuple[str, str]:
 
 
 def _texts(content: object) -> Iterator[str]:
-    """Every string in nested lists and tables."""
     if isinstance(content, str):
         yield content
     elif isinstance(content, dict | list):

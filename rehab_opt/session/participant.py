@@ -48,7 +48,7 @@ def arm_of(side: Side, segments: SegmentsSection, ranges: AnyRange, *, file: str
 
 
 def checked_hand(recording: RecordingSection, *, side: Side, file: str) -> None:
-    """Refuse a path of the other hand without `mirror`, and a path of the same hand with it.
+    """Refuse a path of the other hand without `mirror`, and a path of the same hand with `mirror`.
 
     Raises
     ------

@@ -206,10 +206,7 @@ def range_of_motion_keys(scored: Scored) -> list[str]:
 def _trials(
     recording: Recording, pause: float | None, how: Mapping[str, float]
 ) -> Iterator[tuple[str, Recording | ProblemFileError]]:
-    """Name and samples of each trial: as the file separates them and, with `pause`, where the hand rests.
-
-    A trial that is too short or cannot be cut is an error, which names it.
-    """
+    """Name and samples of each trial as separated by the file; with `pause`, also cut where the hand rests."""
     for name, first, last in recording.trials or (("", -math.inf, math.inf),):
         kept = (recording.time >= first) & (recording.time <= last)
         try:

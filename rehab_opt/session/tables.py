@@ -66,7 +66,6 @@ def numbers_table(title: str, of: Mapping[str, Numbers], *, first: Sequence[str]
 
 
 def _quantities(numbers: Numbers, above: str = "") -> Iterator[tuple[str, str, str]]:
-    """Name, label and cell of each quantity."""
     groups: dict[str, list[tuple[str, str, Any]]] = {}
     for key, value in numbers.items():
         found = KEY.fullmatch(str(key))

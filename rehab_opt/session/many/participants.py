@@ -169,7 +169,7 @@ def cell_value(cell: str) -> Any:
 
 
 def _entered(into: Any, part: str, after: str, own: set[int], *, key: str, cell: str, file: str) -> Any:
-    """The value below `part` of a key, created if missing; `after` is the next part of the key."""
+    """Value of `into` at `part`, created if missing; `after` is the next part of the dotted key."""
     if isinstance(into, list) and part.isdecimal() and int(part) < len(into):
         return into[int(part)]
     if not isinstance(into, dict):

@@ -174,7 +174,6 @@ def _space(task: Mirrored, drives: Mapping[str, Trace]) -> Figure:
 
 
 def _draw_mirror(axes: Any, task: Mirrored, low: Array, high: Array) -> None:
-    """Draw the vertical sagittal plane, as far as the other parts of the picture extend."""
     normal = np.array(task.setup.mirror.normal) / np.linalg.norm(task.setup.mirror.normal)
     along, point = np.array([-normal[1], normal[0]]), MM * np.array(task.setup.mirror.point[:2])
     corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])

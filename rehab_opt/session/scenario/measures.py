@@ -162,7 +162,7 @@ def _statuses(trial: Trace) -> Numbers:
 
 
 def promised(trial: Trace, where: Projection, mode: Mode) -> Numbers:
-    """Measures of what the controller guarantees, for one trial; `where` projects the hand onto the reference.
+    """Measures of the controller's guarantees in one trial; `where` projects the hand onto the reference.
 
     Inside W_c the magnitude of the commanded force may not grow. The force along the reference, towards its end, counts
     only outside W_c.

@@ -67,7 +67,6 @@ def refuse_outside(config: ProblemFile[ScenarioProblem], path: Array, where: Wor
 
 
 def _path_key(problem: ScenarioProblem) -> str:
-    """The key that defines the position of the path."""
     task = problem.task
     if task.points_m is not None:
         return "task.points_m"
@@ -176,7 +175,6 @@ def precompute(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> P
 
 
 def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: Workspace) -> ControllerMap:
-    """The map between the workspaces; an unsafe map is refused."""
     try:
         return WorkspaceMap.between(source, target).for_controller()
     except ConfigurationError as refused:
@@ -185,7 +183,6 @@ def _safe_map(config: ProblemFile[ScenarioProblem], source: Workspace, target: W
 
 
 def _fields(problem: ScenarioProblem, path: Array, numbers: Mapping[str, Any]) -> tuple[PotentialField, ...]:
-    """One field along the path, or one for each point."""
     if problem.mode == "hold":
         return tuple(PotentialField(point[None, :], **numbers) for point in path)
     if problem.mode == "resist":

@@ -235,7 +235,6 @@ def _published(chosen: Mapping[str, float], *, winds_up: bool) -> Iterator[str]:
 
 
 def _law_notes(law: str, of: Mapping[str, Any], samples: int) -> Iterator[str]:
-    """Notes on samples without an "ok" status, on joints that are too fast, and on the tilt of the handle."""
     for reason, count in of["reasons"].items():
         yield f"the {law} controller, {count} of {samples} samples: {reason}"
     if (ratio := of["joint_speed_max_fraction_of_limit"]) > 1:

@@ -63,7 +63,6 @@ def _before_and_after(direction: Direction) -> Figure:
 
 
 def _draw_panels(panels: Sequence[Axes], direction: Direction) -> None:
-    """Draw the set before the map in the first panel, then the result of each rule."""
     first, *rest = panels
     start, end = direction.start_space, direction.end_space
     draw_region(first, start, OUTLINE, label="workspace")
