@@ -48,7 +48,8 @@ def numbers_table(title: str, of: Mapping[str, Numbers], *, first: Sequence[str]
 
     Parameters
     ----------
-    of : metrics by controller. first : quantities or sections to show, as keys without statistic and unit; default all.
+    of : metrics by controller.
+    first : the only quantities or sections to show, in order, as keys without statistic and unit; by default all.
     """
     made = Table(title=Text(title), caption=Text(caption) if caption else None, caption_justify="left")
     made.add_column("quantity")

@@ -80,9 +80,9 @@ def led_trace(setup: Setup, ran: Trace, *, max_manipulability: float, **of: Any)
     """Trace of a run along the reference, a row for each tick; cells are empty where the reference is lost.
 
     These columns are only kept in memory: the poses `_tool` and `_reference` (N, 4, 4); `_short` (N, 2) [m, rad], the
-    smallest deviation that person and robot allow; `_person` (N, 2), the part due to the person's arm; `_reason`;
-    `_seconds` (N,) or (1,), the computing time; `_complete`, whether the end of the reference was reached; `_velocity`,
-    the true joint velocities of a robot that does not move as commanded.
+    smallest deviation that person and robot allow; `_person` (N, 2), the part of `_short` due to the person's arm;
+    `_reason`; `_seconds` (N,) or (1,), the computing time; `_complete`, whether the reference's end was reached;
+    `_velocity`, the true joint velocities of a robot that does not move as commanded.
 
     Parameters
     ----------
