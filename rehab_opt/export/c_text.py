@@ -93,7 +93,6 @@ class Evaluated:
     tables: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check that every input has an address."""
         if len(self.inputs) != self.function.n_in():
             raise ConfigurationError("inputs", list(self.inputs), f"{self.function.n_in()} of them")
 

@@ -171,7 +171,6 @@ class ExportedVelocity(ExportedController):
     laws: Sequence[Law]
 
     def __post_init__(self) -> None:
-        """Raise an error if the robot has more joints than a command in C can hold."""
         for law in self.laws:
             if law.controller.chain.n > MAX_VALUES:
                 raise ConfigurationError("chain", law.controller.chain.n, f"at most {MAX_VALUES} joints, as C has")

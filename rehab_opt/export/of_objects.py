@@ -91,7 +91,6 @@ def _numbers(where: str, tick: Mapping[str, Any], name: str, shape: tuple[int, .
 
 
 def _bodies(where: str, tick: Mapping[str, Any], name: str, limits: PostureLimits) -> dict[str, Array]:
-    """Moving capsules of a tick as `obstacles`; empty if the controller allows none."""
     given = tick.get(name)
     if given is None and not limits.moving:
         return {}

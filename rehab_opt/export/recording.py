@@ -226,8 +226,6 @@ def about_run(ticks: int, of: str) -> str:
 
 
 def _element(name: str, index: int, value: float) -> Callable[[RunTick], RunTick]:
-    """Function that replaces one number in the input `name` of a tick."""
-
     def replaced(tick: RunTick) -> RunTick:
         array = np.array(tick[name])
         array.flat[index] = value

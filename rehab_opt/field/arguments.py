@@ -32,7 +32,7 @@ def checked_drag(drag: object, along: DragAlong, rest_on_target: bool) -> float:
 
 
 def per_axis(argument: str, value: ArrayLike) -> Array:
-    """(2,) one number per axis, from one or two numbers that are not negative."""
+    """(2,) value for each axis; `value` is one number for both axes, or two, and not negative."""
     array = checked_array(argument, value, "one or two numbers")
     if array.shape not in ((), (1,), (2,)):
         raise ConfigurationError(argument, value, "one or two numbers")

@@ -55,7 +55,6 @@ class Demonstration:
     times: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check all arguments, and compute the velocities if they are missing."""
         (positions,) = checked_paths([self.positions], "positions")
         if len(positions) < 3:
             raise ConfigurationError("positions", f"{len(positions)} samples", "at least three")

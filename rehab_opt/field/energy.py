@@ -113,7 +113,7 @@ def field_function(size: int) -> ca.Function:
 
 
 def field_function_in_blocks(size: int) -> ca.Function:
-    """As `field_function`, for samples (8, size) whose size is a multiple of `BLOCK`."""
+    """Same result as `field_function`, for samples (8, size) whose `size` is a multiple of `BLOCK`."""
     x, table, sharpness, largest = ca.SX.sym("x", 2), ca.SX.sym("samples", 8, BLOCK), ca.SX.sym("s"), ca.SX.sym("m")
     exponents, sums = [], ca.SX.zeros(8)
     for sample in ca.horzsplit(table):

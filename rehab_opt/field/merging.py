@@ -1,4 +1,4 @@
-"""Merge samples: those in one small cell become one at their centroid.
+"""Merge the samples in each small cell into one at their centroid.
 
 Let d be the vector from a centroid to x, and delta the offset of a sample from the centroid. At x the sample has the
 centroid's weight times exp((d.delta - |delta|^2 / 2) / sigma^2). The offsets of a group have mean zero, so the error of
@@ -47,7 +47,6 @@ def merged(samples: Samples, width: float, most: int = MOST) -> Samples:
 
 
 def _cells(points: Array, side: float) -> NDArray[np.int64]:
-    """(N,) index of the cell that contains each point."""
     cell = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
     group: NDArray[np.int64] = np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1], return_inverse=True)[1]
     return group.reshape(-1)

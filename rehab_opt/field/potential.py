@@ -129,10 +129,7 @@ class PotentialField:
 
     @classmethod
     def learn(cls, demonstrations: Sequence[Any], **options: Any) -> PotentialField:
-        """Learn the field that reproduces recorded forces; `learnt_field` explains the options.
-
-        The `fit` of the field has the errors.
-        """
+        """Learn the field that reproduces recorded forces, with its errors in `fit`; options as in `learnt_field`."""
         from rehab_opt.field.learning import learnt_field  # noqa: PLC0415  (solvers load when something is learnt)
 
         return learnt_field(demonstrations, **options)

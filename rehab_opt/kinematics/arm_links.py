@@ -146,7 +146,6 @@ def _moved(chain: SerialChain, ends: list[LinkEnd], first: int) -> list[bool]:
 
 
 def _moves_hand(chain: SerialChain, first: int) -> NDArray[np.bool_]:
-    """Whether each joint after `first` moves the tool's origin at some posture."""
     jacobians = np.array([chain.jacobian(q)[:3, first:] for q in _drawn(chain, first)])
     moves: NDArray[np.bool_] = np.abs(jacobians).max(axis=(0, 1)) > SAME
     return moves

@@ -104,7 +104,6 @@ class SerialChain(HasEvaluator):
     notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check and freeze every argument."""
         rows = checked_rows(self.rows)
         n = len(rows)
         given = self.names if isinstance(self.names, Sequence) else (None,)

@@ -67,7 +67,7 @@ class DH(NamedTuple):
         return tuple(length for length in (self.a, self.d) if length != 0.0)
 
     def with_lengths(self, lengths: Iterator[Any]) -> DH:
-        """The row with its nonzero a and d replaced by the next entries of `lengths`, numbers or expressions."""
+        """The same row, but its nonzero a and d are the next entries of `lengths`, numbers or expressions."""
         a = next(lengths) if self.a != 0.0 else 0.0
         return self._replace(a=a, d=next(lengths) if self.d != 0.0 else 0.0)
 

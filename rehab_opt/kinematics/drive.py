@@ -92,8 +92,8 @@ class Drive(ABC):
     def constraints(cls, q: ArrayLike) -> Array:
         """(c, n) constraint matrix at joint values q (n,); q[:3] are position and heading of the chassis in the world.
 
-        The constraint is that this matrix times the joint velocities is zero. The product is minus the chassis speeds
-        that the drive does not allow. For two wheels on one axle the matrix is the row of Eq. (4), Honzik.
+        Times the joint velocities it gives minus the chassis speeds that the drive does not allow, which must be zero.
+        For two wheels on one axle the matrix is the row of Eq. (4), Honzik.
         """
         joints = np.asarray(q, dtype=np.float64)
         cos, sin = np.cos(joints[2]), np.sin(joints[2])
@@ -164,7 +164,6 @@ class Mecanum(Drive):
     limit: float
 
     def __post_init__(self) -> None:
-        """Check every number."""
         checked_lengths(radius=self.radius, half_gauge=self.half_gauge, half_base=self.half_base, limit=self.limit)
 
     @property
@@ -206,7 +205,6 @@ class Differential(Drive):
     limit: float
 
     def __post_init__(self) -> None:
-        """Check every number."""
         checked_lengths(radius=self.radius, half_gauge=self.half_gauge, limit=self.limit)
 
     @property

@@ -210,7 +210,7 @@ def _pair(name: str, pair: Sequence[float]) -> tuple[float, float]:
 
 
 def _looks_like(name: str, lower: float, upper: float) -> str:
-    """Likely mistake in a range [deg] of a movement, as text; empty if the range is plausible."""
+    """Likely mistake in a range [deg] of a movement, as text; empty if none shows."""
     movement = GONIOMETER[name]
     least, most = movement.range_deg
     if least <= lower and upper <= most:

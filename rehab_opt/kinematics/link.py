@@ -54,7 +54,7 @@ class ChainRow(Protocol):
         ...
 
     def with_lengths(self, lengths: Iterator[Any]) -> ChainRow:
-        """The row with its nonzero lengths replaced by the next entries of `lengths`, numbers or expressions."""
+        """The same row, but its nonzero lengths are the next entries of `lengths`, numbers or expressions."""
         ...
 
 
@@ -77,7 +77,6 @@ class Link:
     prismatic: bool = False
 
     def __post_init__(self) -> None:
-        """Check and freeze the transform."""
         if not isinstance(self.after, ca.SX):
             object.__setattr__(self, "after", rigid("after", self.after))
 
@@ -97,7 +96,7 @@ class Link:
         return tuple(float(each) for each in self.after[:3, 3] if each != 0.0)
 
     def with_lengths(self, lengths: Iterator[Any]) -> Link:
-        """The link with its nonzero coordinates replaced by the next entries of `lengths`."""
+        """The same link, but its nonzero coordinates are the next entries of `lengths`."""
         after = ca.SX(ca.DM(self.after))
         for i in range(3):
             if self.after[i, 3] != 0.0:
@@ -129,7 +128,6 @@ def product(left: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def _joint(row: ChainRow, value: ca.SX) -> ca.SX:
-    """(4, 4) motion of a joint along or about z."""
     if row.prismatic:
         return ca.blockcat([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, value], [0, 0, 0, 1]])
     cos, sin = ca.cos(value), ca.sin(value)

@@ -193,7 +193,6 @@ def _rounding(axis: Array) -> float:
 
 
 def _off(ways: Array, step: float) -> bool:
-    """Whether any of the entries is not a multiple of `step`."""
     return bool(np.abs(ways / step - np.rint(ways / step)).max() > 0.1)
 
 

@@ -99,7 +99,6 @@ class MobileArm(HasEvaluator):
     hand_volume: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check every argument."""
         chain = self.chain
         kinds = [row.prismatic for row in chain.rows] if isinstance(chain, SerialChain) else []
         if len(kinds) < CHAIR + MIN_JOINTS or kinds != [True] * 2 + [False] * (len(kinds) - 2):

@@ -121,7 +121,6 @@ class Mirror:
     """Axis of the hand frame across the hand; the axes along the hand and out of its back keep their meaning."""
 
     def __post_init__(self) -> None:
-        """Check the plane and the axis."""
         point, normal = _columns("point", self.point, 3), _columns("normal", self.normal, 3)
         if point.shape != (3,) or normal.shape != (3,) or not np.all(np.isfinite([point, normal])):
             raise ConfigurationError("point, normal", (self.point, self.normal), "three finite numbers each")

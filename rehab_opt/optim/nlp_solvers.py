@@ -185,7 +185,6 @@ def _options(nlp: NLP, name: str, tolerance: float, max_iterations: int) -> dict
 
 
 def _convex_hessian(nlp: NLP) -> ca.Function:
-    """Function for sqpmethod that computes the convexified Hessian of the Lagrangian."""
     of_cost, of_rows = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", nlp.m)
     lagrangian = of_cost * nlp.minimise + ca.dot(of_rows, nlp.rows.expression)
     hessian = convexified(ca.hessian(lagrangian, nlp.x)[0])

@@ -50,7 +50,6 @@ class FieldLaw:
     force_limit: float = math.inf
 
     def __post_init__(self) -> None:
-        """Check every argument."""
         path = np.array(self.path, dtype=np.float64)
         if path.ndim != 2 or path.shape[1] != 2 or not len(path) or not np.isfinite(path).all():
             raise ConfigurationError("path", np.shape(self.path), "finite points (m, 2) in metres")

@@ -25,7 +25,7 @@ ROWS = ("x", "y", "z", "rx", "ry", "rz", "roll7")
 
 
 class Excess(NamedTuple):
-    """Largest violation of each kind of limit by a command; zero or negative if the command satisfies the limits."""
+    """By how much a command violates each kind of limit, at most; zero or negative if it satisfies the limits."""
 
     position: float
     """[rad] violation by the joint positions after one tick."""

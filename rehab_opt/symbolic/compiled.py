@@ -341,7 +341,6 @@ def build_library(folder: Path, name: str, source: str, compiler: Sequence[str],
 
 @functools.cache
 def _compiler() -> tuple[str, str] | None:
-    """Path and version of the C compiler, or None."""
     path = shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
     if path is None:
         return None

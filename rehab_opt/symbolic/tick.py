@@ -16,7 +16,7 @@ Marked = TypeVar("Marked")
 
 
 class Stages:
-    """Marks in the expressions of one tick.
+    """Marks for parts of a tick's expressions that are evaluated once, or only if needed.
 
     `once(value)` returns symbols for a value that is evaluated once a tick, however often they are used.
     `when(condition, value, otherwise)` evaluates only one of the two. `call(function, ...)` calls a function that may
@@ -158,8 +158,6 @@ class _Branch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A column of symbols whose value is known."""
-
     column: ca.SX
     value: ca.MX
 
@@ -169,8 +167,6 @@ class _Place:
 
 
 class _Known(list[_Place]):
-    """Columns whose values are known."""
-
     def holding(self, symbols: AbstractSet[int]) -> list[_Place]:
         """Columns with one of the symbols; the first one if none has, since a CasADi call needs an input."""
         return [place for place in self if not symbols.isdisjoint(place.symbols)] or self[:1]

@@ -40,7 +40,6 @@ class PlaneBSpline(PlaneMap):
     coefficients: Array
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("low", "step", "coefficients"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
         self.freeze()

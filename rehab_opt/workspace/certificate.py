@@ -75,7 +75,7 @@ class Certificate(NamedTuple):
 
     @property
     def valid(self) -> bool:
-        """Whether the map is one-to-one from the whole source into the target."""
+        """Whether the proof succeeded: the whole source is mapped one-to-one into the target."""
         return self.determinant > 0.0 and self.margin > 0.0 and self.outline_simple and not self.reason
 
 

@@ -67,7 +67,6 @@ class ReachGroup:
     left_out: tuple[Suspect, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the mappings."""
         for part in ("spread", "rows"):
             object.__setattr__(self, part, MappingProxyType(dict(getattr(self, part))))
 

@@ -1,4 +1,4 @@
-"""A one-to-one map between two simply connected sets through the unit disc: a safe map is optimised from it.
+"""A one-to-one map between two simply connected sets, through the unit disc, from which a safe map is optimised.
 
 A harmonic map of a set onto a convex set that maps outline to outline is one-to-one (Rado, Kneser, Choquet). So is its
 discrete form on a triangle mesh with positive weights (Tutte; Floater 1997). For target sets that are not convex, such

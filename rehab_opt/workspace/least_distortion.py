@@ -130,8 +130,6 @@ def room_kept(target: Workspace) -> float:
 
 
 class _Frame:
-    """A polygon, scaled to unit area and centred at its centroid."""
-
     def __init__(self, polygon: Polygon) -> None:
         from shapely import transform  # noqa: PLC0415  (light to import)
 

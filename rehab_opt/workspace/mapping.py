@@ -229,7 +229,6 @@ class WorkspaceMap:
 
 
 def _check(source: Workspace, target: Workspace, rule: str, landmarks: int | None, rotation: float | str) -> None:
-    """Raise `ConfigurationError` for arguments for which there is no map."""
     for name, each in (("source", source), ("target", target)):
         if each.empty:
             raise ConfigurationError(

@@ -120,7 +120,6 @@ def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Neare
 
 
 def _between(search: PlaneSearch, first: Nearest, last: Nearest, tolerance: float) -> list[Nearest]:
-    """New boundary vertices between the vertices `first` and `last`."""
     done, ahead = [first], [last]
     for _ in range(MAX_STEPS):
         if not ahead:

@@ -33,7 +33,6 @@ class ShoulderPlacement:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check and freeze."""
         try:
             numbers = np.asarray(self.position)
             position = tuple(map(float, numbers.tolist())) if numbers.dtype.kind in "fiu" else ()
@@ -74,7 +73,6 @@ class ShoulderPlacement:
 
 
 def _planar(points: ArrayLike) -> Array:
-    """Points (..., 2); raises `ConfigurationError` for other shapes."""
     expected = "points (..., 2), numbers in metres"
     try:
         array = np.asarray(points)

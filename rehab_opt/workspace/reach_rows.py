@@ -78,7 +78,6 @@ class ReachAngles:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the angles."""
         for rows in self.angles.values():
             rows.flags.writeable = False
         object.__setattr__(self, "angles", MappingProxyType(dict(self.angles)))
@@ -88,7 +87,7 @@ class ReachAngles:
 
 
 def read_cp_reach(folder: Path, task: str) -> tuple[ReachAngles, ReachAngles]:
-    """Angles of both groups (in the order of `GROUPS`) in one task, from `{task}_MEAN_{column}.csv`.
+    """Read the angles of both groups in one task, in the order of `GROUPS`, from `{task}_MEAN_{column}.csv`.
 
     Rows with a suspected wrong sign (`flip_suspects`) are left out and listed. A note names
     groups with identical rows under two columns, because one of these files must be wrong.

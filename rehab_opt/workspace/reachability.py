@@ -45,7 +45,6 @@ class ReachabilityMap:
     weights: Array
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for array in (self.x, self.y, self.grid, self.weights):
             array.flags.writeable = False
 
@@ -99,7 +98,7 @@ class ReachabilityMap:
     def snapping(self) -> float:
         """[m] grid on which regions are overlaid, a tenth of the finest workspace's accuracy.
 
-        If a limit does not vary, boundaries coincide within their accuracy and would cross thousands of times.
+        Without it, boundaries that coincide within their accuracy would cross thousands of times.
         """
         return SNAPPING * float(min(workspace.accuracy for workspace in self.workspaces))
 

@@ -30,7 +30,7 @@ SMALLER = 0.99
 
 
 class Similarity(NamedTuple):
-    """x -> scale R(turn) x + shift.
+    """A similarity of the plane: x -> scale R(turn) x + shift.
 
     scale : [-]. turn : [rad], counterclockwise. shift : (2,) [m].
     """
@@ -83,7 +83,6 @@ def largest_copy(
 
 
 def _largest(points: Array, polygon: Polygon, rotation: float | Literal["best"]) -> Similarity:
-    """The largest copy, computed with a centred path of unit size."""
     import shapely  # noqa: PLC0415  (light to import)
     from scipy.optimize import minimize  # noqa: PLC0415  (slow to import)
 

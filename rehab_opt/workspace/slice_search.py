@@ -1,4 +1,4 @@
-"""Search of one slice: the inside on a coarse lattice, the boundary on a fine one, then a check."""
+"""Search one slice: its inside on a coarse lattice, its boundary on a fine one; then check the boundary."""
 
 from __future__ import annotations
 
@@ -197,7 +197,6 @@ class SliceSearch:
         self._make((way, at) for way in done for at in (way.out, way.into))
 
     def _make(self, places: Iterable[tuple[_Way, int]]) -> None:
-        """Create fine nodes at these points, if they are new."""
         offers = ((self._fine_key(way, at), way.posture) for way, at in places)
         self.fine.offer((key, posture) for key, posture in offers if key not in self.fine.nodes)
 

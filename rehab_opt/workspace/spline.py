@@ -125,7 +125,6 @@ def _solved(K: Array, R: Array, target: Array, size: float) -> tuple[Array, Arra
 
 
 def _landmarks(argument: str, value: ArrayLike) -> Array:
-    """`value` as an array (N, 2) of at least three finite points."""
     points = np.array(checked_array(argument, value, "an array of points (N, 2)"))
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise ConfigurationError(argument, value, "an array of at least 3 points (N, 2)")

@@ -41,7 +41,6 @@ class UsedRange(Mapping[str, tuple[float, float]]):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the mappings and check the order of the limits."""
         for name, (lower, upper) in self.limits.items():
             if not -math.inf < lower <= upper < math.inf:
                 raise ConfigurationError(f"limits[{name!r}]", (lower, upper), "finite (lower, upper), lower <= upper")

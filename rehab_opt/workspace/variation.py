@@ -40,9 +40,9 @@ def varied_ranges(
 ) -> tuple[dict[str, tuple[float, float]], ...]:
     """`count` ranges of motion, each valid as `human_arm(range_of_motion=...)`.
 
-    Each lower and upper limit is normal about the nominal one, cut at two standard deviations, so its own standard
-    deviation is 0.88 of the stated one. Limits are independent, but inverted pairs are drawn again. Real limits of one
-    person tend to vary together instead. Joints with equal limits stay locked.
+    Each limit is drawn from a normal distribution around its nominal value. The distribution is cut at two standard
+    deviations, which reduces its standard deviation to 0.88 of `spread`. Limits are independent, whereas those of a
+    person tend to vary together; inverted pairs are drawn again. Joints with equal limits stay locked.
 
     Parameters
     ----------

@@ -306,7 +306,6 @@ def _by_joint(argument: str, value: PerJoint | None, names: tuple[str, ...], def
 
 
 def _capsule(i: int, given: object, places: Mapping[str, tuple[int, Array]]) -> LinkCapsule:
-    """Transform a capsule from the frame of its link to the frame of its row."""
     if not isinstance(given, CapsuleOnLink):
         raise ConfigurationError(f"capsules[{i}]", given, "a CapsuleOnLink(link, start (3,), end (3,), radius)")
     if given.link not in places:

@@ -332,7 +332,6 @@ def _inertial(model: Any, body: int) -> Inertial | None:
 
 
 def _pose(place: Array, quaternion: Array) -> Array:
-    """(4, 4) pose from a position (3,) and a unit quaternion (4,), real part first."""
     pose = np.eye(4)
     pose[:3, :3] = turned_by_quaternion(quaternion)
     pose[:3, 3] = place

@@ -212,7 +212,6 @@ def _end(joint: Element, end: str, links: Mapping[str, Element], source: Source)
 
 
 def _way(tree: _Tree, base: str | None, tip: str | None, source: Source) -> list[Element]:
-    """Joints from base to tip."""
     for argument, name in (("base", base), ("tip", tip)):
         if name is not None and name not in tree.links:
             raise source.refuse(argument, name, f"one of the links {_listed(tree.links)}")
