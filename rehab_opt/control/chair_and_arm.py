@@ -182,7 +182,7 @@ class ChairAndArm(VelocityController):
         return stated.finish_at(ca.vertcat(self._base, 0, 0))
 
     def beginning(self) -> ca.Function:
-        """Function: velocity (n,), heading [rad] -> results as in the base class.
+        """Function: velocity (n,), heading [rad] -> initial state, whether the joints may be that fast.
 
         The chair's components of the velocity are in the chassis frame.
         """

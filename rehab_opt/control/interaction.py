@@ -103,7 +103,7 @@ class Interaction:
         """Function: force [N] (3,), whether it is measured, `FELT`, hand minus last reference [m] (3,) -> `FELT`,
         verdict.
 
-        The new state is that after a tick dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. NaN stands for an
+        The new state holds after a tick of dt [s]; the verdict is `FINE`, `INVALID` or `AT_LIMIT`. NaN stands for an
         unknown hand position.
         """
         force, measured, seen = ca.SX.sym("force", 3), ca.SX.sym("measured"), ca.SX.sym("seen", 3)
@@ -165,7 +165,7 @@ class Interaction:
 
     @property
     def start(self) -> Array:
-        """`FELT` of a hand at rest on its reference, without a force."""
+        """State (`FELT`) of a hand at rest on its reference, without a force."""
         return FELT.numbers(**{**dict.fromkeys(FELT.places, 0.0), "pace": 1.0, "tank": self.reserve})
 
     def too_large(self, felt: Array) -> str:

@@ -228,7 +228,7 @@ class MirrorTracker(MirrorPreview):
 
     @property
     def beyond_person(self) -> tuple[float, float]:
-        """[m, rad] Portion of `short` that is due to the person's arm, whose model does not reach the reference."""
+        """[m, rad] Portion of `short` due to the person's arm: its model does not reach the reference."""
         return (0.0, 0.0) if self._live else self._beyond_person
 
     @property

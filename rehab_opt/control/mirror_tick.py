@@ -43,7 +43,7 @@ _FELT, _HELD = REMEMBERED.places["felt"], REMEMBERED.places["held"]
 
 
 class MirrorTick(NamedTuple):
-    """Functions of a tick; parameters, which begin with the positions (n,), and state are those of the QP."""
+    """Functions of a tick; they share the QP's state and parameters, which begin with the positions (n,)."""
 
     notice: ca.Function
     """Parameters, state, `GIVEN`, force (3,) [N], whether it is measured, pose and twist (22,) of the last tick without

@@ -99,7 +99,7 @@ class Profiles:
     def stop(self, *, at_any_price: bool = False) -> None:
         """Stop each axis as fast as its bounds allow, once such a stop stays inside the position bounds.
 
-        Call this in every tick until all axes are `stopping`. With `at_any_price`, all axes stop at once, also outside.
+        Call this in every tick until all axes are `stopping`. With `at_any_price`, all stop at once, inside or not.
         """
         if at_any_price:
             self._stops, self._end = {}, self.age

@@ -158,7 +158,7 @@ class RedundancyResolver(OneThread):
     # ------------------------------------------------------------------------------------------------- the state
     @property
     def row_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Sets of task rows that have functions."""
+        """Sets of task rows whose functions are built."""
         return tuple(self._sets)
 
     @property

@@ -17,7 +17,7 @@ _CLAIMING = threading.Lock()
 
 
 class OneThread:
-    """Base of objects with state between ticks: every controller.
+    """Base class of every object that keeps state between ticks, such as a controller.
 
     The thread of the first `step` becomes the owner. While the owner lives, `step`, `reset` or a change of a setting by
     another thread raises `SharingError`. `reset` by the owner releases the object to the next thread that steps it.

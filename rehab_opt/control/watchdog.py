@@ -163,7 +163,7 @@ class Watchdog(OneThread):
         return float(self._memory[STAMPS["lag"]])
 
     def reset(self) -> None:
-        """Reset: the next stamp is the first."""
+        """Forget all stamps; the next one counts as the first."""
         self._claim()
         self._memory[:] = math.nan, 0.0, 0.0, 0.0
         self.stamped = False
