@@ -106,5 +106,8 @@ def marker_place(
     if place is None:
         known = f"one of {shown(', '.join(each for each in dict.fromkeys(own) if each and each not in but), 120)}"
         expected = f"{known}, with its subject (Subject:MARKER)" if marker in own else known
+        same = [number for number, each in enumerate(names, start=1) if each == marker]
+        if len({markers[number - 1] for number in same}) < len(same):
+            expected = f"a name that one marker has, or its number: {' or '.join(map(str, same))}"
         raise ProblemFileError(name, "recording.marker", marker, expected)
     return place

@@ -71,15 +71,17 @@ def _check_counts(samples: np.ndarray[tuple[int, ...], np.dtype[np.float64]], ho
     """Raise an error for raw counts without a stated unit: whole millimetres, or steps of whole seconds."""
     whole = (samples == np.rint(samples)).all(axis=0)
     seconds = len(samples) > 1 and whole[2] and float(np.median(np.diff(samples[:, 2]))) >= 1
-    asked = [
-        key
-        for key, kind, raw in (
-            ("count_mm", "length", whole[:2].all() and (seconds or len(samples) >= STRAIGHT)),
-            ("tick_ms", "time", seconds),
+    asked = {
+        key: unit
+        for key, unit, kind, raw in (
+            ("count_mm", "mm", "length", whole[:2].all() and (seconds or len(samples) >= STRAIGHT)),
+            ("tick_ms", "ms", "time", seconds),
         )
         if raw and how.counted(kind) is None and not (kind == "time" and how.rate_hz)
-    ]
+    }
     if asked:
-        value = " ".join(f"{x:g}" for x in samples[0, :3])
-        expected = f"what a raw count is: {' and '.join(f'recording.{key}' for key in asked)}, or recording.units"
-        raise ProblemFileError(name, "x, y and time in whole numbers", value, expected)
+        place, what = (slice(2, 3), "times") if [*asked] == ["tick_ms"] else (slice(0, 3), "x, y and time")
+        value = " ".join(f"{x:g}" for x in samples[:3, place].ravel()) + " ..."
+        keys, units = " and ".join(f"recording.{key}" for key in asked), " and ".join(asked.values())
+        expected = f"what a raw count is: {keys}, or recording.units (such as {units})"
+        raise ProblemFileError(name, f"{what} in whole numbers", value, expected)

@@ -245,10 +245,11 @@ def without_spikes(recording: Recording) -> Recording:
     kept, notes, begun = recording.part(~bunched), [], recording.time[0]
     if bunched.any():
         notes.append(f"samples left out whose stamps bunch with the next: {int(bunched.sum())}")
-    spikes = np.zeros(len(kept.time), dtype=bool)
-    for _, path in _paths(kept):
+    spikes, crowded = np.zeros(len(kept.time), dtype=bool), set[str | None]()
+    for joint, path in _paths(kept):
         some = _spikes(kept.time, path, _jumps(kept.time, path))
         spikes |= some & (some.mean() <= FEW)
+        crowded |= {joint} if some.mean() > FEW else set()
     if spikes.any():
         first = f"the first after {_after(kept.time, spikes, begun)}"
         notes.append(f"samples left out as spikes: {int(spikes.sum())}, {first}")
@@ -261,7 +262,8 @@ def without_spikes(recording: Recording) -> Recording:
             size = f"{1e3 * hops[at]:.3g} mm" if joint is None else f"{math.degrees(hops[at] / LEVER):.3g} deg"
             size = f"{size} from one sample to the next, after {kept.time[at + 1] - begun:.3g} s"
             whose = "speed and smoothness there are not the hand's" if joint is None else f"of {shown(joint)}"
-            notes.append(f"a jump that is no spike: {size}; {whose}")
+            many = f"jumps are kept, as spikes would be more than {100 * FEW:g} % of the samples"
+            notes.append(f"{many if joint in crowded else 'a jump that is no spike'}: {size}; {whose}")
     return kept.noting(*notes)
 
 

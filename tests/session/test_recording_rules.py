@@ -385,3 +385,30 @@ def test_a_trc_without_a_unit_or_with_blanks_is_refused_with_keys_that_it_has(wr
     )
     with pytest.raises(ProblemFileError, match=r"or recording\.units$"):
         read_recording(written("a.trc", text.replace("\tmm", "\t")), marker="HAND")
+
+
+def test_two_markers_of_one_name_are_asked_for_by_number(written: Write) -> None:
+    time, points = moved()
+    for subject in ("", "S:"):
+        text = trc(time, np.hstack((points, points)), names=f"{subject}HAND\t\t\t{subject}HAND\t\t")
+        for marker in ("HAND", f"{subject}HAND"):
+            with pytest.raises(ProblemFileError, match="a name that one marker has, or its number: 1 or 2"):
+                read_recording(written("a.trc", text), marker=marker)
+
+
+def test_times_of_a_pen_in_milliseconds_are_asked_for_as_such(written: Write) -> None:
+    time, points = moved()
+    rows = "".join(
+        f"{1e3 * x:.4f} {1e3 * y:.4f} {1e3 * t:.0f} 1 9 9 9\n" for t, (x, y, _) in zip(time, points, strict=True)
+    )
+    with pytest.raises(ProblemFileError) as refused:
+        read_recording(written("a.svc", f"{len(time)}\n{rows}"))
+    assert "times in whole numbers = '0 10 20 ...'" in str(refused.value)
+    assert "what a raw count is: recording.tick_ms, or recording.units (such as ms)" in str(refused.value)
+
+
+def test_too_many_spikes_are_kept_and_called_so(written: Write) -> None:
+    time, points = moved()
+    points[10::10, 0] += 0.08
+    (note,) = (note for note in read_recording(written("a.csv", table(time, points))).notes if "jump" in note)
+    assert note.startswith("jumps are kept, as spikes would be more than 5 % of the samples: 8")
