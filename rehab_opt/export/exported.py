@@ -181,7 +181,7 @@ class ExportedVelocity(ExportedController):
         return self.laws[0].controller.dt
 
     def limits(self) -> list[str]:
-        """Text lines with each joint's limits of position, speed, acceleration and jerk, and the hand's."""
+        """Text lines with the limits of each joint (position, speed, acceleration, jerk) and of the hand's speed."""
         first = self.laws[0].controller
         chain = first.chain
         bounds = {name: getattr(chain, name) for name in ("lower", "upper", "velocity", "acceleration")}

@@ -23,7 +23,7 @@ Exporter = Callable[[ProblemFile[Any], Progress, int | None], Sequence[ExportedC
 def exported_controllers(
     config: ProblemFile[Any], *, memory: int | None = None, progress: Progress
 ) -> Sequence[ExportedController]:
-    """The controllers of a problem file for export, each with the run that C must repeat.
+    """Prepare the controllers of a problem file for export, each with the run that C must repeat.
 
     Raises
     ------

@@ -40,7 +40,7 @@ Run = Sequence[Mapping[str, Any]]
 def exported_object(
     controller: object, *, run: Run | None, memory: int | None, progress: Progress
 ) -> Sequence[ExportedController]:
-    """A controller made in Python for export, with the run that C must repeat; arguments as in `export_c.export_c`."""
+    """Prepare a controller for export, with the run that C must repeat; arguments as in `export_c.export_c`."""
     title, of = type(controller).__name__, "a run that was given" if run is not None else "a random run"
     if isinstance(controller, MirrorTracker):
         ticks = random_runs.mirror_reference(controller) if run is None else _poses(controller, run)

@@ -118,7 +118,7 @@ class Joints:
         self._noise, self._q, self._seen = encoder_noise(ticks, start.size), start.copy(), start.copy()
 
     def seen(self, told: Array) -> Array:
-        """Joint positions for the controller: `told` (n,), with entries equal to `start` replaced by encoder values."""
+        """Joint positions `told` (n,), in which this tick's encoder values replace the entries equal to `start`."""
         if self._tick < len(self._noise):
             self._seen = self._q + self._noise[self._tick]
         return np.where(told == self.start, self._seen, told)

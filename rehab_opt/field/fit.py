@@ -72,7 +72,7 @@ class Identified(NamedTuple):
 
 
 def identified(design: Array, names: Sequence[str], errors: Array, lengths: Sequence[int]) -> Identified:
-    """Which parameters data determine: `design` (rows, n) is the regression matrix, `errors` (rows,) [N] its residuals.
+    """Which parameters are determined by a regression with matrix `design` (rows, n), residuals `errors` (rows,) [N].
 
     `lengths` are the numbers of rows of the demonstrations.
 

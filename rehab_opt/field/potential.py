@@ -178,7 +178,7 @@ class PotentialField:
 
     # ----------------------------------------------------------------------------------------------- what it answers
     def energy(self, x: ArrayLike) -> float | Array:
-        """Phi [J] at x: (2,) -> float, (N, 2) -> (N,); NaN for points that are not finite."""
+        """Energy Phi [J], a float at x (2,) or an array (N,) at x (N, 2) [m]; NaN for points that are not finite."""
         points = as_points(x)
         if points.shape == (2,):
             self.pull(float(points[0]), float(points[1]))

@@ -73,7 +73,7 @@ def crossover(
 
 
 def fitting_slew(stiffness: float, damping: float, *, force_limit: float, velocity_lag: float) -> float:
-    """Least slew limit R [N/s] that causes no oscillation: F w_c of the lightest hand (see the module)."""
+    """Least slew limit R [N/s] that causes no oscillation, F w_c for the lightest hand; see the module."""
     fastest = crossover(stiffness, damping, mass=LIGHT, delay=0.0, lag=0.0, velocity_lag=velocity_lag)
     return force_limit * fastest.frequency
 

@@ -257,7 +257,7 @@ def _check_outline(outline: object) -> None:
 
 
 def _checked_keep_out(keep_out: object) -> tuple[Capsule, ...]:
-    """The capsules, after a check that they are finite: NaN would disable them."""
+    """The capsules, after a check that they are finite, because NaN would disable them."""
     if not isinstance(keep_out, (list, tuple)) or isinstance(keep_out, Capsule):
         raise ConfigurationError("keep_out", keep_out, "a list or tuple of Capsule")
     for i, capsule in enumerate(keep_out):

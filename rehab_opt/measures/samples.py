@@ -44,7 +44,7 @@ def numbers(argument: str, values: object) -> Array:
 
 
 def milliseconds(*seconds: float) -> str:
-    """Text of one or two times [s], in ms: `20 ms` if they are equal, or `20 to 1510 ms`."""
+    """Two times [s] as text, such as `20 to 1510 ms`; equal ones become `20 ms`."""
     return " to ".join(dict.fromkeys(f"{1e3 * each:{'.3g' if each < 1 else '.0f'}}" for each in seconds)) + " ms"
 
 

@@ -365,7 +365,7 @@ def going_on_after_failed_solves(code: str) -> str:
 
 
 def table_size(count: int) -> int:
-    """Number of rows to compile for: at least `count`, and at most an eighth or three rows more."""
+    """Number of rows to compile for: `count`, rounded up by at most an eighth or three rows."""
     step = table_step(count)
     return -(-count // step) * step
 

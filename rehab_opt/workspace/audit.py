@@ -1,4 +1,4 @@
-"""Audit of a map between workspaces: figures at random points, and a proof for the points between them."""
+"""Audit of a map between workspaces: statistics at random points, and a proof for the points between them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROUND_TRIP = 1e-9
 
 @dataclass(frozen=True)
 class Audit:
-    """Figures of one map.
+    """Results of the audit of one map.
 
     samples : number of points drawn uniformly from the source.
     folded : fraction of the samples where det J <= 0 or is NaN.

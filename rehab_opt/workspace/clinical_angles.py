@@ -157,7 +157,7 @@ def isb_wrist(joint_6: ArrayLike, joint_7: ArrayLike, joint_8: ArrayLike) -> tup
 
 
 def model_scapula(protraction: ArrayLike) -> Array:
-    """Joint 1 [rad] relative to rest from protraction (..., T) [rad]; the first sample of each row is the rest."""
+    """Joint 1 [rad], relative to rest, for protraction (..., T) [rad]; the first sample of each row is the rest."""
     rows = np.asarray(protraction, dtype=np.float64)
     return rows[..., :1] - rows
 

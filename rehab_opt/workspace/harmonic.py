@@ -111,7 +111,7 @@ def interpolate(
 ) -> NDArray[np.float64]:
     """Images (m, 2) of the points `at` (m, 2) under the piecewise linear map of a mesh from `points` to `images`.
 
-    A point in no triangle, which is outside by rounding or the distance of a chord, is moved into the nearest one.
+    A point slightly outside the mesh, by rounding or since a chord cuts a curve, is moved into the nearest triangle.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 

@@ -94,7 +94,7 @@ def _wide(polygon: BaseGeometry) -> bool:
 
 
 def _closest(search: PlaneSearch, lattice: Lattice, crossing: Crossing) -> Nearest | None:
-    """Point of the slice nearest to a point of the curve; None if only further ones than the nodes' own are found.
+    """Point of the slice nearest to a point of the curve; None if the search ends further away than known points.
 
     From the node's posture, the NLP may end in a local minimum millimetres off, which would look like a notch. If the
     answer is further away than a known point, the start is first moved by `PlaneSearch.approached`. If that does not

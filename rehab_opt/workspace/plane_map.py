@@ -66,7 +66,7 @@ class PlaneMap(ABC):
         """Expressions of the image (2,) [m] and the Jacobian (2, 2) at a symbol (2,) [m] with finite values."""
 
     def __call__(self, points: ArrayLike) -> Array:
-        """Images [m]: (2,) -> (2,), (M, 2) -> (M, 2)."""
+        """Images [m] of points (2,) or (M, 2) [m]."""
         array = point_array(points)
         if array.ndim == 2:
             return self.values(array)
@@ -76,7 +76,7 @@ class PlaneMap(ABC):
         return one.outputs[0].copy()
 
     def jacobian(self, points: ArrayLike) -> Array:
-        """Derivatives d image_i / d point_j: (2,) -> (2, 2), (M, 2) -> (M, 2, 2)."""
+        """Derivatives d image_i / d point_j, (2, 2) at a point (2,) or (M, 2, 2) at points (M, 2)."""
         array = point_array(points)
         return self.value_and_jacobian(array)[1] if array.ndim == 1 else self.evaluate(array)[1]
 
@@ -89,7 +89,7 @@ class PlaneMap(ABC):
         return image.copy(), slopes.copy()
 
     def inverse(self, points: ArrayLike, start: ArrayLike | None = None) -> Array:
-        """Preimages of points: (2,) -> (2,), (M, 2) -> (M, 2); NaN if none was found.
+        """Preimages of one point (2,) or several (M, 2); NaN where none is found.
 
         Damped Newton's method on the map, down to rounding, starts at `start`, then at the known points with the
         nearest images. If the map folds, a point may have several preimages: one of them is returned.

@@ -80,7 +80,7 @@ def _contour_points(polygon: Polygon, angles: NDArray[np.floating[Any]]) -> NDAr
 
 
 def _fit(start: NDArray[np.float64], end: NDArray[np.float64], rotation: float) -> float:
-    """How well a similarity with this rotation fits the pairs: from 0 to 1, an exact fit; -inf below three pairs."""
+    """How well a similarity with this rotation fits the pairs, from 0 to 1 (exactly); -inf below three pairs."""
     both = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     if both.sum() < 3:
         return -np.inf

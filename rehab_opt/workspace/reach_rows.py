@@ -150,7 +150,7 @@ def flip_suspects(rows: Array) -> NDArray[np.bool_]:
     robust standard deviations from zero. Its root mean square distance from the group's median curve is above `CLEAR`
     robust standard deviations. With the sign changed, this distance is below `CLOSE`. The standard deviation is that of
     the rows' means, from the median absolute deviation. Near 180 deg a wrapped row looks like one with the opposite
-    sign, so both are suspect. Groups below `FEWEST` rows have no suspects.
+    sign, so both are suspect. Groups of fewer than `FEWEST` rows have no suspects.
     """
     if len(rows) < FEWEST:
         return np.zeros(len(rows), dtype=bool)

@@ -57,7 +57,7 @@ class ReachabilityMap:
         return sum(workspace.empty for workspace in self.workspaces)
 
     def probability(self, points: ArrayLike) -> Array | float:
-        """Exact fraction of the trials at points [m], (2,) -> float or (N, 2) -> (N,); 0 for a NaN point."""
+        """Exact fraction of the trials that reach each of the points (2,) or (N, 2) [m]; 0 for a NaN point."""
         at = point_array(points)
         found = fractions(self.workspaces, self.weights, at.reshape(-1, 2))
         return float(found[0]) if at.ndim == 1 else found

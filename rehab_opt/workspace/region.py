@@ -43,7 +43,7 @@ class Workspace:
     """A closed set of points (x, y) in a horizontal plane; immutable, comparable by identity, picklable.
 
     Any thread may query it; a thread's first query prepares the polygon in 1 ms or less. Numbers raise no error, not
-    even NaN and infinity. Other types and wrong shapes raise one.
+    even NaN and infinity; other types and wrong shapes do.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Workspace:
     # ----------------------------------------------------------------------------------------------------- queries
     @WITHOUT_WORDS
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
-        """Whether points [m] are reachable: (2,) -> bool, (N, 2) -> (N,).
+        """Whether points (2,) or (N, 2) [m] are reachable.
 
         The boundary, to rounding, counts as inside; NaN and infinite points do not.
         """
@@ -152,7 +152,7 @@ class Workspace:
 
     @WITHOUT_WORDS
     def distance(self, points: ArrayLike) -> float | Array:
-        """Signed distance to the boundary [m], negative inside: (2,) -> float, (N, 2) -> (N,).
+        """Signed distance [m] of points (2,) or (N, 2) to the boundary, negative inside.
 
         Exact for the polygon to rounding; infinite for an empty workspace, NaN for a NaN point.
         """

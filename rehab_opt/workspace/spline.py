@@ -54,7 +54,7 @@ class ThinPlateSpline(PlaneMap):
     _frame: tuple[Array, float, Array, Array, Array] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Solve Eq. (29) with landmarks centred and scaled, for good conditioning."""
+        """Compute the weights, with landmarks centred and scaled for good conditioning: Eq. (29)."""
         source, target = _landmarks("source", self.source), _landmarks("target", self.target)
         if len(source) != len(target):
             raise ConfigurationError("target", self.target, f"as many landmarks as the source has, {len(source)}")
@@ -110,7 +110,7 @@ def _solved(K: Array, R: Array, target: Array, size: float) -> tuple[Array, Arra
     """Weights w (N, 2) and affine part b (3, 2) that solve K w + R b = target, R^T w = 0: Eqs. (28)-(30).
 
     If the targets are an affine function of the sources up to rounding, the weights are zero. `size` is the size of the
-    sources' coordinates over their spread; it sets the rounding.
+    sources' coordinates over their spread; it determines the rounding error.
     """
     middle = target.mean(axis=0)
     b = np.linalg.lstsq(R, target - middle, rcond=None)[0]

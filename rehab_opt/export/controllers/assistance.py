@@ -56,7 +56,7 @@ def exported_assistance(
     fields: Sequence[PotentialField] = (),
     offset: ArrayLike | None = None,
 ) -> ExportedForce:
-    """`Assistance` for export, with a recorded run along a path of the hand.
+    """Prepare `Assistance` for export, with a recorded run along a path of the hand.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ HELPER_SAYS, PARTICIPANT_SAYS = ("x", "y", "energy"), ("x", "y", "force_x", "for
 def exported_helper_side(
     side: HelperSide, positions: Array, received: Sequence[FromParticipant | None], *, title: str
 ) -> ExportedForce:
-    """`HelperSide` for export, with a recorded run for hand positions (N, 2) [m] and received messages.
+    """Prepare `HelperSide` for export, with a recorded run for hand positions (N, 2) [m] and received messages.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def exported_helper_side(
 def exported_participant_side(
     side: ParticipantSide, positions: Array, received: Sequence[FromHelper | None], *, title: str
 ) -> ExportedForce:
-    """`ParticipantSide` for export, with a recorded run; arguments as in `exported_helper_side`."""
+    """Prepare `ParticipantSide` for export, with a recorded run; arguments as in `exported_helper_side`."""
     spline = side.workspace_map.spline.statement
     edges = edge_columns(side.workspace_map.source.polygon)
     inside = nearest_point_function(len(edges))
@@ -141,7 +141,7 @@ def _exported(
     says: tuple[Sequence[str], Sequence[str]],
     means: Mapping[str, str],
 ) -> ExportedForce:
-    """Either side for export. `says`: fields of sent and received messages; `means`: the side's own C text."""
+    """Prepare either side for export. `says`: fields of sent and received messages; `means`: the side's own C text."""
     own, received = says
     names = {
         "own": name.removesuffix("_side"),

@@ -133,7 +133,7 @@ class ExportedMirror(ExportedVelocity):
 def exported_mirror_problem(
     config: ProblemFile[MirrorProblem], *, memory: int = MEMORY, progress: Progress
 ) -> ExportedMirror:
-    """The `MirrorTracker` of a problem file for export, with a recorded run along the file's recording.
+    """Prepare the `MirrorTracker` of a problem file for export, with a recorded run along the file's recording.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def exported_mirror(
     memory: int = MEMORY,
     progress: Progress = lambda *_: None,
 ) -> ExportedMirror:
-    """A `MirrorTracker` for export, with a recorded run of a robot that moves as commanded.
+    """Prepare a `MirrorTracker` for export, with a recorded run of a robot that moves as commanded.
 
     Parameters
     ----------

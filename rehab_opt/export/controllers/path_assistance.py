@@ -37,7 +37,7 @@ MEMORY = f"    double path[{PROGRESS.size}];        /* {', '.join(PROGRESS.place
 
 
 def exported_path_assistance(helper: PathAssistance, positions: Array, *, title: str) -> ExportedForce:
-    """`PathAssistance` for export, with a recorded run along hand positions (N, 2) [m]; see `exported_assistance`.
+    """Prepare `PathAssistance` for export, with a run along hand positions (N, 2) [m]; see `exported_assistance`.
 
     Raises
     ------

@@ -61,7 +61,7 @@ DIFFERENCES = (
 
 
 def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progress) -> ExportedController:
-    """The `PoseTracker` of a problem file for export; its recorded run is that of the problem.
+    """Prepare the `PoseTracker` of a problem file for export; its recorded run is that of the problem.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def exported_pose_tracker(config: ProblemFile[PoseTracking], *, progress: Progre
 
 
 def exported_tracker(tracker: PoseTracker, run: Sequence[RunTick], *, title: str, of: str) -> ExportedController:
-    """A `PoseTracker` for export, also one with your own limits.
+    """Prepare a `PoseTracker` for export, also one with your own limits.
 
     Parameters
     ----------

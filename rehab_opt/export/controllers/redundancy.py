@@ -78,7 +78,7 @@ class Listening:
 
 
 def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress) -> Sequence[ExportedController]:
-    """One `RedundancyResolver` for each drive of a problem file, for export; the problem gives the recorded runs.
+    """Prepare a `RedundancyResolver` for each drive of a problem file; the problem gives the recorded runs.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def exported_resolvers(config: ProblemFile[ArdisProblem], *, progress: Progress)
 def exported_resolver(
     resolver: RedundancyResolver, run: Sequence[RunTick], *, title: str, of: str
 ) -> ExportedController:
-    """A `RedundancyResolver` for export, with all its sets of rows.
+    """Prepare a `RedundancyResolver` for export, with all its sets of rows.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class Overheard(Bilateral):
 
 
 def exported_scenario(config: ProblemFile[ScenarioProblem], *, progress: Progress) -> Sequence[ExportedController]:
-    """The controllers of a scenario for export, with their recorded runs.
+    """Prepare the controllers of a scenario for export, with their recorded runs.
 
     Raises
     ------
