@@ -123,7 +123,7 @@ class FallbackChain:
         return recorder_now() is not None
 
     def forget(self, x: ArrayLike = 0.0) -> None:
-        """Discard the warm start, so that equal inputs give equal answers (proxqp: apart from rounding)."""
+        """Reset the warm start and the solvers, so that equal inputs give equal answers (proxqp: to rounding)."""
         self.warm_start(x)
         for solver in self._backends.values():
             if solver is not None:

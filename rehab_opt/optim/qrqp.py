@@ -54,7 +54,7 @@ def qrqp_options(iterations: int = QRQP_ITERATIONS) -> dict[str, Any]:
 
 
 def with_spare_room(function: ca.Function) -> ca.Function:
-    """The same function with `SPARE` more integers of scratch memory, which a branch that never runs requires."""
+    """The same function with at least `SPARE` more integers of scratch memory, for a branch that never runs."""
     size = function.sz_iw() + SPARE
     shape = {"h": ca.Sparsity.diag(size), "a": ca.Sparsity(0, size)}
     needy = ca.conic(f"{function.name()}_spare", "qrqp", shape, qrqp_options())

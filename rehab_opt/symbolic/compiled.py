@@ -214,7 +214,7 @@ def _attempt(code: _Code, *, build: bool = True, hurry: bool = False) -> ca.Func
 
 
 def _load(folder: Path, function: str, library: bytes, constants: bytes) -> ca.Function:
-    """The function, loaded from its own copy of the library, because a library has only one table of constants."""
+    """The function with these `constants`, from its own copy of the library: each copy has one table of constants."""
     with _workplace(folder) as workplace:
         copy = workplace / f"{function}.so"
         copy.write_bytes(library)

@@ -250,7 +250,7 @@ PERSON_MEMBERS = (
 
 
 def _besides(tracker: MirrorTracker) -> int:
-    """Number of buffered samples that are not waiting: two to interpolate between, and two windows of the clock."""
+    """Number of buffered samples that are not waiting: two that bridge a jump, and two windows of the clock."""
     return 2 + 2 * tracker.pace.window
 
 
