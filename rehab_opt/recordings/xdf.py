@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rehab_opt.errors import ConfigurationError, ProblemFileError
-from rehab_opt.recordings.recording import Samples
+from rehab_opt.recordings.recording import LONG_STEP, Samples
 from rehab_opt.recordings.units import Reading, each_once, place_of
 from rehab_opt.text_file import MAX_COLUMNS, MAX_RECORDING_SIZE, file_content, number_in, shown
 
@@ -28,9 +28,9 @@ SPOILT = (
 
 RAW = MappingProxyType({"dejitter_timestamps": False})
 """pyxdf would spread a gap over all samples."""
-JITTER, NO_JITTER = 0.75, 1e-2
-"""Spread of the stamps about even times, as a fraction of a step: from `JITTER`, a sample may be lost (one lost sample
-spreads them by 1), and below `NO_JITTER` they are even already."""
+AROUND, LATE, NO_JITTER = 25, 0.75, 1e-2
+"""Jitter averages out over `AROUND` samples. If the average lateness varies by `LATE` steps, a sample may be lost (one
+varies it by 1). Below a lateness of `NO_JITTER` steps, the stamps are even already."""
 
 
 def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
@@ -89,11 +89,15 @@ def read_xdf(path: Path, *, name: str, how: Reading) -> Samples:
 
 def _unjittered(time: NDArray[np.float64], stream: Any) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Two results: the stamps (N,) [s], made even if a constant rate and jitter explain all of them; and a note."""
+    from scipy.ndimage import uniform_filter1d  # noqa: PLC0415  (loaded when used)
+
     if number_in(_text(stream, "info", "nominal_srate")) > 0 and len(time) > 2:
         rows = np.arange(len(time))
         even = np.polynomial.Polynomial.fit(rows, time, 1)(rows)
-        spread, step = np.ptp(time - even), (even[-1] - even[0]) / rows[-1]
-        if NO_JITTER * step < spread < JITTER * step:
+        late, step = time - even, (even[-1] - even[0]) / rows[-1]
+        lasting = np.ptp(uniform_filter1d(late, min(AROUND, 1 + len(time) // 4), mode="reflect"))
+        gap = np.diff(time).max() > max(LONG_STEP[0], LONG_STEP[1] * step)
+        if not gap and lasting < LATE * step and (spread := np.ptp(late)) > NO_JITTER * step:
             return even, (f"time stamps with a jitter of {1e3 * spread:.2g} ms are made even: {1 / step:.5g} Hz",)
     return time, ()
 

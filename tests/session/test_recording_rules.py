@@ -336,7 +336,10 @@ def test_a_gap_or_lost_samples_of_an_xdf_with_a_rate_stay_where_they_are(written
     pytest.importorskip("pyxdf")
     time, points = moved()
     hand, kept = ["hand_X", "hand_Y", "hand_Z"], np.random.default_rng(1).random(len(time)) > 0.1
-    for stamps, path in ((time + 3 * (time > time[60]), points), (time[kept], points[kept])):
+    one = time != time[60]
+    for stamps, path in (
+        (time + 3 * (time > time[60]), points), (time[kept], points[kept]), (time[one], points[one]),
+    ):  # fmt: skip
         read = read_recording(written("a.xdf", xdf(stamps, path, unit="m")), columns=hand)
         np.testing.assert_allclose(read.time, stamps - stamps[0], atol=1e-6)
         assert len(read.gaps) == (len(stamps) == len(time))
@@ -345,11 +348,13 @@ def test_a_gap_or_lost_samples_of_an_xdf_with_a_rate_stay_where_they_are(written
 def test_stamps_of_an_xdf_that_only_jitter_are_made_even(written: Write) -> None:
     pytest.importorskip("pyxdf")
     time, points = moved()
-    jitter = np.random.default_rng(0).uniform(-0.003, 0.003, len(time))
-    path = written("a.xdf", xdf(time + jitter, points, unit="m"))
-    read = read_recording(path, columns=["hand_X", "hand_Y", "hand_Z"])
-    np.testing.assert_allclose(np.diff(read.time), 0.01, rtol=0.01)
-    assert [note[:33] for note in read.notes] == ["time stamps with a jitter of 6 ms"]
+    late = np.random.default_rng(0).uniform(0, 0.012, len(time))
+    bursts = time[np.minimum(np.arange(len(time)) // 4 * 4 + 3, len(time) - 1)] + 1e-5 * np.arange(len(time))
+    for stamps in (time + 0.5 * late, time + late, bursts):
+        read = read_recording(written("a.xdf", xdf(stamps, points, unit="m")), columns=["hand_X", "hand_Y", "hand_Z"])
+        assert len(read.time) == len(time)
+        np.testing.assert_allclose(np.diff(read.time), 0.01, rtol=0.01)
+        assert [note[:26] for note in read.notes] == ["time stamps with a jitter "]
 
 
 # -------------------- spellings
