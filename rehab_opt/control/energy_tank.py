@@ -49,9 +49,9 @@ class EnergyTank:
     """Remaining energy of a budget, computed from commanded forces and the displacements measured while they acted.
 
     The work F.dx of a force F is known only after the displacement dx. While positions are missing or repeat exactly,
-    the largest energy that a hand within `speed_cap` could have drawn is reserved. The next position replaces this
-    reserve by the measured work, unless a jump follows at once. Energy that the hand puts in is added, up to the
-    budget.
+    the largest energy that a hand within `speed_cap` could have drawn is reserved. When the next
+    position arrives, the measured work is booked in place of this reserve; if a jump follows at once, the reserve is
+    lost. Energy that the hand puts in is added, up to the budget.
 
     A force acts with a delay of up to `window`, except for a small fraction that lags longer. So a displacement dx
     costs the largest F.dx over the forces of the window, plus a tail. `ceiling` is the largest force F that leaves

@@ -154,7 +154,7 @@ class Interaction:
         return moved, (moved - x) / dt
 
     def _delivered(self, moved: ca.SX, velocity: ca.SX, away: ca.SX, dt: float) -> tuple[ca.SX, ca.SX]:
-        """Displacement and velocity, less the excess that the hand did not follow; `away` is hand minus reference."""
+        """Displacement and velocity, less the part that the hand did not carry out; `away` is hand minus reference."""
         refused = moved - away
         missing = ca.norm_2(refused)
         way = refused / ca.fmax(missing, 1e-12)

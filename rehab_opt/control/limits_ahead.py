@@ -340,7 +340,7 @@ class Kept(Bound):
         return size * ca.if_else(q + size > ca.DM(self._chain.upper), -1, 1)
 
     def bent(self, tick: Stages, rows: Rows, state: State, brake: ca.SX, u: ca.SX) -> ca.SX:
-        """Upper bounds (m,) of the rows, less the tangents' error at u (n,); `brake` (n,) still satisfies them."""
+        """Upper bounds (m,) of the rows, less their linearisation error at u (n,), at least their values at `brake`."""
         way = Way(state, u, further(self._manoeuvre.ticks(u)))
         true = ca.vertcat(*(self._tangents(tick, way, part)[:, 0] for part in PLACES))
         missed = ca.fmax((rows.values - true) / rows.levers + rows.slopes @ (u - brake), 0)

@@ -227,7 +227,7 @@ class ReferenceClock:
 
     @property
     def behind(self) -> float:
-        """Time [s] by which the read sample is older than the arriving one, skipped time included; at least `lag`."""
+        """Age [s] of the sample in use behind the newest sample; skipped time counts, and it is never below `lag`."""
         behind = self._behind
         behind.inputs[0][:], behind.inputs[1][:] = self._table[self._at : self._at + 2].reshape(-1), self.now
         behind.evaluate()

@@ -8,11 +8,11 @@ through the end, the path has samples on both sides:
 symmetric there, and its gradient at the end is zero for any path;
 - at the other end phi_0 is continued as an odd function, so that the drag there is that of the path.
 
-Where the field rests, phi_0 of the reflected samples is raised by 1/2 d^T S d - a u, with d measured from the end and u
-along the path. This brings a hand that overshoots back to the target; the factor a is chosen so that the force along
-the path stays zero there. Across a curved path some tenths of a newton remain, which a linear term (`lean`) of the
-reflected samples cancels. At the other end phi_0 is raised only from two sigma beyond the end on, so that it does not
-pull a hand on the path backwards.
+At the end where the field rests, phi_0 of the reflected samples is raised by 1/2 d^T S d - a u. Here d is the vector
+from that end, and u its component along the path. This brings a hand that overshoots back to the target; the factor a
+is chosen so that the force along the path stays zero there. Across a curved path some tenths of a newton remain, which
+a linear term (`lean`) of the reflected samples cancels. At the other end phi_0 is raised only from two sigma beyond the
+end on, so that it does not pull a hand on the path backwards.
 """
 
 from __future__ import annotations

@@ -254,7 +254,7 @@ def _learnt(task: Task, paths: Sequence[SampledPath], width: float) -> Potential
 
 
 def _along_path(task: Task, paths: Sequence[SampledPath], width: float) -> Array:
-    """(m, 3) [N] components along the path of the forces at its samples, per unit of each parameter of `NAMES`."""
+    """(m, 3) [N] tangential force at each of the m samples, one column per unit of each parameter of `NAMES`."""
     points = np.concatenate([path.points for path in paths])
     tangents = np.concatenate([path.tangents for path in paths])
     ends = np.array([path.points[-1] for path in paths])

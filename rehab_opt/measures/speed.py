@@ -107,7 +107,7 @@ def movement_time(speed: ArrayLike, rate_hz: float, *, threshold: float = 0.05) 
 def velocity_peaks(speed: ArrayLike, rate_hz: float, *, rise: float = RISE, apart: float = 0.15) -> int:
     """Number of speed peaks; one is ideal.
 
-    A peak is at least `rise` above the dips beside it, and at least `apart` from any higher peak.
+    A peak is at least `rise` above the dips beside it; any higher peak is at least `apart` [s] away.
 
     The speed counts as zero outside the array. Source: the movement units of Murphy, Willén, Sunnerhagen 2011 (20 mm/s,
     150 ms). Rohrer et al., "Movement smoothness changes during stroke recovery", J. Neurosci. 22(18), 2002, use peaks

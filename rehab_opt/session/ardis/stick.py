@@ -57,7 +57,7 @@ class StickRecording(NamedTuple):
         return float(self.time[-1])
 
     def at(self, moment: Moment) -> LiveInputs | None:
-        """The sample at the moment's time; None after the last sample."""
+        """The stick's sample at `moment.time`; None after the last sample."""
         if moment.time > self.duration + 1e-9:
             return None
         k = max(int(np.searchsorted(self.time, moment.time + 1e-9, side="right")) - 1, 0)
