@@ -46,6 +46,8 @@ STILL, NEAREST = 5e-3, 1e-3
 """[rad/s] of a joint, and [m^2/rad] of half the squared error: what the slowest motions leave after `HELD`.
 
 Where several limits meet, one of them curved, `MirrorTracker` was seen to go on at 1e-5 rad/s for 20 s and more."""
+CURVED = 2.0
+"""Factor on `NEAREST` where a `PoseTracker` rests at a curved limit, which steps along its tangent would pass."""
 LEAST_W = 0.05
 """Of w / w_max: nearer to singular postures the last of a way takes longer than is waited for."""
 STANDING = ("ok", "backup", "blocked")
@@ -143,7 +145,8 @@ def at_rest(verdict: Verdict, of: Arm, q: Array, value: Array, asked: Array) -> 
     downhill = jacobian(q[-1:])[0].T @ (of.weights * _error(last, asked))
     left = nnls(-np.column_stack(gradients), downhill)[1] if gradients else float(np.linalg.norm(downhill))
     verdict.within("joint speed at rest [rad/s]", np.abs(value[-1]), STILL)
-    verdict.within("a nearer pose is left aside, gradient", left, NEAREST)
+    curved = not of.mirror and any(each[-1] for each in active)
+    verdict.within("a nearer pose is left aside, gradient", left, NEAREST * (CURVED if curved else 1))
     verdict.during(f"{'mirror' if of.mirror else 'tracker'}, at rest beyond a limit", resting & bool(gradients), dt)
     verdict.during("several are active at rest", resting & (len(gradients) > 1), dt)
     for i, many in enumerate(("two", "three"), 2):
